@@ -1,0 +1,24 @@
+//! One tick: what was sensed, what is wanted and what is configured become one decision.
+//!
+//! ```text
+//! Sample ─▶ estimate ─▶ desire ─▶ bound ─▶ allocate ─▶ guard ─▶ Decision
+//! ```
+//!
+//! [`tick`] is a pure step of a [`ControlState`]: no clock, no device, no socket, and the
+//! same for hardware, simulation, replay and tests. Data comes in three drawers: [`Plan`]
+//! (configuration, immutable), [`Setpoint`] and [`Sample`] (what is wanted and sensed), and
+//! [`Report`] (what was decided, and why).
+
+mod limits;
+mod mode;
+mod plan;
+mod report;
+mod sample;
+mod setpoint;
+
+pub use limits::{Limit, Limits};
+pub use mode::{Fault, Mode, ModeCommand, ModeRefusal};
+pub use plan::{Actuators, Guards, Mount, Plan, Tool};
+pub use report::{ContactResult, Event, MAX_EVENTS, Record, RenderedSource, Report, Wrench};
+pub use sample::{ActuatorCommand, ActuatorCommands, DeviceError, RELEASED, Sample, values_Nm};
+pub use setpoint::Setpoint;

@@ -1,0 +1,120 @@
+//! The immutable configuration of a tick, built and checked elsewhere.
+
+use std::sync::Arc;
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+use crate::actuation::{ActuatorKind, Strategy};
+use crate::environment::SceneItem;
+use crate::mechanism::Mechanism;
+use crate::notation::{ActuatorVector, MAX_ACTUATORS, PlaneVector};
+
+/// Pose of the device's plane in W.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mount {
+    /// Origin of B in W.
+    pub p_WB_m: Vector3<f64>,
+    /// Turns vectors of B into W.
+    pub q_WB: UnitQuaternion<f64>,
+}
+
+impl Default for Mount {
+    fn default() -> Self {
+        Self { p_WB_m: Vector3::zeros(), q_WB: UnitQuaternion::identity() }
+    }
+}
+
+/// What is fixed to the handle.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub struct Tool {
+    /// From H to T, along the axes of B, metres.
+    pub offset_B_m: Vector3<f64>,
+    /// Radius of the tool, metres.
+    pub radius_m: f64,
+}
+
+/// What a tick has to know of the actuators and their encoders.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Actuators {
+    /// Brake or motor.
+    pub kinds: [ActuatorKind; MAX_ACTUATORS],
+    /// Largest torque, zero beyond the device's actuators.
+    pub max_torque_Nm: ActuatorVector,
+    /// Encoder counts of one turn of the shaft; 1 beyond the device's actuators.
+    pub counts_per_revolution: ActuatorVector,
+}
+
+/// Bounds on what is asked and how it may change.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Guards {
+    /// A larger request is clipped to this.
+    pub force_limit_N: f64,
+    /// Fastest change of a soft force.
+    pub slew_N_per_s: f64,
+    /// A silent controller's force takes this long to fade.
+    pub stale_ramp_ns: u64,
+    /// Redundant encoders may disagree by this much.
+    pub closure_limit_rad: f64,
+    /// What each brake holds while stopped.
+    pub stop_capacity_Nm: f64,
+    /// Late ticks in a row that latch a fault.
+    pub max_overruns: u32,
+    /// Device errors in a row that latch a fault.
+    pub max_device_errors: u32,
+}
+
+impl Default for Guards {
+    fn default() -> Self {
+        Self {
+            force_limit_N: 100.0,
+            slew_N_per_s: 2_000.0,
+            stale_ramp_ns: 50_000_000,
+            closure_limit_rad: 0.2,
+            stop_capacity_Nm: 0.0,
+            max_overruns: 100,
+            max_device_errors: 10,
+        }
+    }
+}
+
+/// Everything that a tick takes as given. Swapped as a whole at a tick's edge.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// The linkage.
+    pub mechanism: Arc<dyn Mechanism>,
+    /// Its actuators.
+    pub actuators: Actuators,
+    /// Where its plane lies.
+    pub mount: Mount,
+    /// What it carries.
+    pub tool: Tool,
+    /// Time between ticks.
+    pub tick_ns: u64,
+    /// The rule for torques.
+    pub strategy: Strategy,
+    /// The bounds on requests.
+    pub guards: Guards,
+    /// The resident scene.
+    pub scene: Box<[SceneItem]>,
+    /// Its revision.
+    pub scene_revision: u64,
+}
+
+impl Plan {
+    /// Time between ticks, seconds.
+    pub fn tick_s(&self) -> f64 {
+        self.tick_ns as f64 * 1e-9
+    }
+
+    /// A vector of the plane in W.
+    pub fn plane_to_W(&self, planar: &PlaneVector) -> Vector3<f64> {
+        self.mount.q_WB * Vector3::new(planar.x, planar.y, 0.0)
+    }
+
+    /// The part of a vector of W that lies in the plane, and the part across it that the
+    /// device has no freedom for.
+    pub fn W_to_plane(&self, vector_W: &Vector3<f64>) -> (PlaneVector, f64) {
+        let v_B = self.mount.q_WB.inverse() * vector_W;
+        (PlaneVector::new(v_B.x, v_B.y, 0.0), v_B.z)
+    }
+}

@@ -1,0 +1,15 @@
+//! Devices: where samples come from and commands go.
+//!
+//! A [`Device`] is owned by the real-time thread and called once per tick each way; neither
+//! call may allocate, lock, log or block beyond the device's own deadline. Devices depend
+//! on the types of `control`, never the reverse, so the law cannot tell one from another.
+
+use crate::control::{ActuatorCommands, DeviceError, Sample};
+
+/// Something with a handle, encoders and actuators.
+pub trait Device: Send {
+    /// Senses now. `now_ns` is the device clock.
+    fn read(&mut self, now_ns: u64) -> Result<Sample, DeviceError>;
+    /// Commands the actuators, until the next call.
+    fn write(&mut self, commands: &ActuatorCommands) -> Result<(), DeviceError>;
+}

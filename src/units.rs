@@ -1,0 +1,101 @@
+//! The border between what people write and what the mathematics uses: checked quantities.
+//!
+//! Inside the crate a quantity is a plain SI `f64` whose name carries its unit. Where one
+//! comes in (device file, configuration, gRPC, stream) it passes a [`Range`] exactly once;
+//! a refusal is a [`FieldError`] that names the field, the value, and what is allowed.
+
+use std::fmt;
+
+/// One field that cannot be accepted, and why.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{field} = {value}: {allowed}")]
+pub struct FieldError {
+    /// Path of the field as its author wrote it, such as `actuators[2].max_torque_Nm`.
+    pub field: String,
+    /// The value found there.
+    pub value: String,
+    /// What is allowed, with range and unit.
+    pub allowed: String,
+}
+
+impl FieldError {
+    /// A refusal of `value` in `field`.
+    pub fn new(field: impl Into<String>, value: impl fmt::Display, allowed: impl Into<String>) -> Self {
+        Self { field: field.into(), value: value.to_string(), allowed: allowed.into() }
+    }
+
+    /// The same refusal seen from the outside: `outer.field`.
+    #[must_use]
+    pub fn within(mut self, outer: &str) -> Self {
+        self.field = format!("{outer}.{}", self.field);
+        self
+    }
+}
+
+/// A closed interval of a physical quantity.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Range {
+    /// Smallest allowed value.
+    pub min: f64,
+    /// Largest allowed value.
+    pub max: f64,
+    /// Unit, for messages.
+    pub unit: &'static str,
+}
+
+impl Range {
+    /// `min..=max` in `unit`.
+    pub const fn new(min: f64, max: f64, unit: &'static str) -> Self {
+        Self { min, max, unit }
+    }
+
+    /// The value itself when it is finite and inside.
+    pub fn check(&self, field: &str, value: f64) -> Result<f64, FieldError> {
+        if value >= self.min && value <= self.max {
+            Ok(value)
+        } else {
+            Err(FieldError::new(field, value, format!("must be a number in {self}")))
+        }
+    }
+}
+
+impl fmt::Display for Range {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} to {} {}", self.min, self.max, self.unit)
+    }
+}
+
+/// Position of anything in W: a building's worth.
+pub const POSITION: Range = Range::new(-100.0, 100.0, "m");
+/// Radius of a sphere.
+pub const RADIUS: Range = Range::new(1e-4, 100.0, "m");
+/// Stiffness of a surface; the wall of Cho 2005 has 1e7 N/m.
+pub const STIFFNESS: Range = Range::new(0.0, 1e9, "N/m");
+/// Damping of a surface or field.
+pub const DAMPING: Range = Range::new(0.0, 1e6, "N s/m");
+/// Coulomb friction coefficient.
+pub const FRICTION: Range = Range::new(0.0, 10.0, "(coefficient)");
+/// Component of a constant force.
+pub const FORCE: Range = Range::new(-1000.0, 1000.0, "N");
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_refusal_names_field_value_range_and_unit() {
+        let error = STIFFNESS.check("material.stiffness", -1.0).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "material.stiffness = -1: must be a number in 0 to 1000000000 N/m"
+        );
+        assert_eq!(error.within("wall").field, "wall.material.stiffness");
+    }
+
+    #[test]
+    fn what_is_not_a_number_is_refused() {
+        for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            assert!(POSITION.check("x", value).is_err());
+        }
+    }
+}
