@@ -20,8 +20,16 @@ pub struct FieldError {
 
 impl FieldError {
     /// A refusal of `value` in `field`.
-    pub fn new(field: impl Into<String>, value: impl fmt::Display, allowed: impl Into<String>) -> Self {
-        Self { field: field.into(), value: value.to_string(), allowed: allowed.into() }
+    pub fn new(
+        field: impl Into<String>,
+        value: impl fmt::Display,
+        allowed: impl Into<String>,
+    ) -> Self {
+        Self {
+            field: field.into(),
+            value: value.to_string(),
+            allowed: allowed.into(),
+        }
     }
 
     /// The same refusal seen from the outside: `outer.field`.
@@ -54,7 +62,11 @@ impl Range {
         if value >= self.min && value <= self.max {
             Ok(value)
         } else {
-            Err(FieldError::new(field, value, format!("must be a number in {self}")))
+            Err(FieldError::new(
+                field,
+                value,
+                format!("must be a number in {self}"),
+            ))
         }
     }
 }

@@ -9,16 +9,27 @@
 //! (configuration, immutable), [`Setpoint`] and [`Sample`] (what is wanted and sensed), and
 //! [`Report`] (what was decided, and why).
 
+mod command;
+mod desire;
+mod estimate;
+mod guard;
 mod limits;
 mod mode;
 mod plan;
 mod report;
 mod sample;
 mod setpoint;
+mod stale;
+mod state;
+mod tick;
 
+pub use command::{ControlCommand, ControlReply};
+pub use estimate::Estimate;
 pub use limits::{Limit, Limits};
 pub use mode::{Fault, Mode, ModeCommand, ModeRefusal};
 pub use plan::{Actuators, Guards, Mount, Plan, Tool};
 pub use report::{ContactResult, Event, MAX_EVENTS, Record, RenderedSource, Report, Wrench};
 pub use sample::{ActuatorCommand, ActuatorCommands, DeviceError, RELEASED, Sample, values_Nm};
 pub use setpoint::Setpoint;
+pub use state::ControlState;
+pub use tick::{Decision, TickInput, tick};

@@ -77,7 +77,11 @@ impl Mode {
 }
 
 fn refusal(mode: Mode, command: ModeCommand, hint: &'static str) -> ModeRefusal {
-    ModeRefusal { command, mode, hint }
+    ModeRefusal {
+        command,
+        mode,
+        hint,
+    }
 }
 
 /// Why the device latched itself. One way out: [`ModeCommand::ClearFault`].
@@ -99,8 +103,14 @@ pub enum Fault {
 
 impl Fault {
     /// Every fault, for tables and metrics.
-    pub const ALL: [Self; 6] =
-        [Self::Device, Self::NotFinite, Self::Unreachable, Self::Singular, Self::Closure, Self::Overrun];
+    pub const ALL: [Self; 6] = [
+        Self::Device,
+        Self::NotFinite,
+        Self::Unreachable,
+        Self::Singular,
+        Self::Closure,
+        Self::Overrun,
+    ];
 
     /// The name used in metrics and logs.
     pub fn name(self) -> &'static str {
@@ -141,7 +151,11 @@ mod tests {
             (Mode::Fault, ClearFault, Some(Mode::Disabled)),
         ];
         for (mode, command, expected) in table {
-            assert_eq!(mode.after(command).ok(), expected, "{command:?} in {mode:?}");
+            assert_eq!(
+                mode.after(command).ok(),
+                expected,
+                "{command:?} in {mode:?}"
+            );
         }
     }
 

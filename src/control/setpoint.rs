@@ -50,9 +50,7 @@ impl Setpoint {
 
     /// True while it may be rendered.
     pub fn is_fresh(&self, now_ns: u64) -> bool {
-        self.seq != 0
-            && !self.released
-            && now_ns.saturating_sub(self.received_ns) <= self.ttl_ns
+        self.seq != 0 && !self.released && now_ns.saturating_sub(self.received_ns) <= self.ttl_ns
     }
 }
 

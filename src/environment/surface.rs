@@ -44,14 +44,22 @@ impl Shape {
     /// Signed distance of a point (positive outside) and the outward unit normal there.
     fn distance(&self, p_W_m: &Vector3<f64>) -> (f64, Vector3<f64>) {
         match self {
-            Self::HalfSpace { point_W_m, normal_W } => {
-                ((p_W_m - point_W_m).dot(normal_W), *normal_W)
-            }
-            Self::Sphere { centre_W_m, radius_m } => {
+            Self::HalfSpace {
+                point_W_m,
+                normal_W,
+            } => ((p_W_m - point_W_m).dot(normal_W), *normal_W),
+            Self::Sphere {
+                centre_W_m,
+                radius_m,
+            } => {
                 let away = p_W_m - centre_W_m;
                 let range = away.norm();
                 // At the very centre every direction leads out; pick one.
-                let normal_W = if range > 1e-12 { away / range } else { Vector3::x() };
+                let normal_W = if range > 1e-12 {
+                    away / range
+                } else {
+                    Vector3::x()
+                };
                 (range - radius_m, normal_W)
             }
         }
@@ -83,14 +91,12 @@ pub struct Touch {
 /// What a surface remembers between ticks.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct SurfaceState {
-    /// The revision that the rest belongs to; `None` before the first tick.
-    revision: Option<u64>,
+    /// The surface that the rest belongs to, with its revision; `None` before the first tick.
+    known: Option<(u64, Shape)>,
     /// +1 outside, -1 inside a hollow shape.
     side: f64,
     /// Depth that is given away.
     offset_m: f64,
-    /// Depth felt in the last tick.
-    felt_m: f64,
     /// Time left until the offset has to be gone, where the owner set one.
     blend_left_s: f64,
 }
@@ -106,30 +112,45 @@ impl Surface {
         tick_s: f64,
     ) -> Option<Touch> {
         let (distance_m, outward_W) = self.shape.distance(p_WT_m);
-        let fresh = state.revision != Some(revision);
-        if fresh {
-            // Turning a sheet around is a new sheet; a moved one keeps the side it is felt from.
-            let first = state.revision.is_none();
-            if !self.hollow {
-                state.side = 1.0;
-            } else if first || state.felt_m <= 0.0 {
-                state.side = if distance_m < 0.0 { -1.0 } else { 1.0 };
+        let changed = state.known.is_none_or(|(known, _)| known != revision);
+        // What the surface as it was would make felt here and now: only what the *change*
+        // adds is given away, not what the tool moved meanwhile.
+        let before_m = match state.known {
+            Some((_, shape)) if changed => {
+                radius_m - state.side * shape.distance(p_WT_m).0 - state.offset_m
             }
+            _ => 0.0,
+        };
+        if changed {
+            state.choose_side(self.hollow, before_m, distance_m);
+            state.known = Some((revision, self.shape));
         }
         let depth_m = radius_m - state.side * distance_m;
-        if fresh {
-            state.revision = Some(revision);
-            state.offset_m = (depth_m - state.felt_m.max(0.0)).max(0.0);
+        if changed {
+            state.offset_m = (depth_m - before_m.max(0.0)).max(0.0);
             state.blend_left_s = self.blend_s;
         }
         state.relax(depth_m, tick_s);
-        state.felt_m = depth_m - state.offset_m;
-        (state.felt_m > 0.0)
-            .then_some(Touch { normal_W: state.side * outward_W, depth_m: state.felt_m })
+        let felt_m = depth_m - state.offset_m;
+        let normal_W = state.side * outward_W;
+        (felt_m > 0.0).then_some(Touch {
+            normal_W,
+            depth_m: felt_m,
+        })
     }
 }
 
 impl SurfaceState {
+    /// Turning a sheet around is a new sheet; a moved one keeps the side it is felt from.
+    fn choose_side(&mut self, hollow: bool, before_m: f64, distance_m: f64) {
+        let touched = self.known.is_some() && before_m > 0.0;
+        if !hollow {
+            self.side = 1.0;
+        } else if !touched {
+            self.side = if distance_m < 0.0 { -1.0 } else { 1.0 };
+        }
+    }
+
     /// Shrinks the offset: never more than the depth, and to nothing within the blend time.
     fn relax(&mut self, depth_m: f64, tick_s: f64) {
         self.offset_m = self.offset_m.min(depth_m.max(0.0));
@@ -149,16 +170,29 @@ mod tests {
 
     fn wall(x_m: f64) -> Surface {
         Surface {
-            shape: Shape::HalfSpace { point_W_m: Vector3::new(x_m, 0.0, 0.0), normal_W: -Vector3::x() },
-            material: Material { stiffness_N_per_m: 1e7, ..Material::default() },
+            shape: Shape::HalfSpace {
+                point_W_m: Vector3::new(x_m, 0.0, 0.0),
+                normal_W: -Vector3::x(),
+            },
+            material: Material {
+                stiffness_N_per_m: 1e7,
+                ..Material::default()
+            },
             hollow: false,
             blend_s: 0.0,
         }
     }
 
     fn shell(hollow: bool) -> Surface {
-        let shape = Shape::Sphere { centre_W_m: Vector3::zeros(), radius_m: 0.1 };
-        Surface { shape, hollow, ..wall(0.0) }
+        let shape = Shape::Sphere {
+            centre_W_m: Vector3::zeros(),
+            radius_m: 0.1,
+        };
+        Surface {
+            shape,
+            hollow,
+            ..wall(0.0)
+        }
     }
 
     fn at(surface: &Surface, state: &mut SurfaceState, revision: u64, x_m: f64) -> f64 {
@@ -185,9 +219,15 @@ mod tests {
     fn a_new_wall_around_the_tool_lets_it_out_but_not_deeper() {
         let mut state = SurfaceState::default();
         assert_eq!(at(&wall(0.3), &mut state, 1, 0.35), 0.0, "no step of force");
-        assert!((at(&wall(0.3), &mut state, 1, 0.36) - 0.01).abs() < 1e-12, "not deeper");
+        assert!(
+            (at(&wall(0.3), &mut state, 1, 0.36) - 0.01).abs() < 1e-12,
+            "not deeper"
+        );
         assert_eq!(at(&wall(0.3), &mut state, 1, 0.31), 0.0);
-        assert!((at(&wall(0.3), &mut state, 1, 0.35) - 0.04).abs() < 1e-12, "it followed out");
+        assert!(
+            (at(&wall(0.3), &mut state, 1, 0.35) - 0.04).abs() < 1e-12,
+            "it followed out"
+        );
     }
 
     #[test]
@@ -200,24 +240,34 @@ mod tests {
     }
 
     #[test]
-    fn a_wall_that_follows_the_tool_in_small_steps_does_not_soften() {
+    fn a_wall_renewed_every_tick_is_as_hard_as_one_that_stays() {
         let mut state = SurfaceState::default();
-        at(&wall(0.3), &mut state, 1, 0.2);
-        for revision in 2..200 {
-            at(&wall(0.3 + 1e-6 * revision as f64), &mut state, revision, 0.301);
+        at(&wall(0.3), &mut state, 0, 0.2);
+        for tick in 1..=200 {
+            let (wall_m, tool_m) = (0.3 - 1e-6 * tick as f64, 0.3 + 5e-6 * tick as f64);
+            let depth_m = at(&wall(wall_m), &mut state, tick, tool_m);
+            assert!(
+                (depth_m - (tool_m - 0.3)).abs() < 3e-6,
+                "{depth_m} at tick {tick}"
+            );
         }
-        assert!(at(&wall(0.3002), &mut state, 200, 0.301) > 7.9e-4);
     }
 
     #[test]
     fn a_blend_time_brings_the_true_surface_back() {
         let mut state = SurfaceState::default();
-        let blended = |x_m| Surface { blend_s: 0.010, ..wall(x_m) };
+        let blended = |x_m| Surface {
+            blend_s: 0.010,
+            ..wall(x_m)
+        };
         assert_eq!(at(&blended(0.3), &mut state, 0, 0.2), 0.0);
         let mut last_m = 0.0;
         for _ in 0..12 {
             let depth_m = at(&blended(0.25), &mut state, 1, 0.26);
-            assert!(depth_m >= last_m - 1e-15 && depth_m - last_m < 2.5e-3, "{last_m} {depth_m}");
+            assert!(
+                depth_m >= last_m - 1e-15 && depth_m - last_m < 2.5e-3,
+                "{last_m} {depth_m}"
+            );
             last_m = depth_m;
         }
         assert!((last_m - 0.01).abs() < 1e-9);
@@ -239,7 +289,9 @@ mod tests {
     fn the_centre_of_a_sphere_has_a_normal() {
         let mut state = SurfaceState::default();
         at(&shell(false), &mut state, 1, 0.2);
-        let touch = shell(false).touch(&mut state, 1, &Vector3::zeros(), 0.0, TICK_S).unwrap();
+        let touch = shell(false)
+            .touch(&mut state, 1, &Vector3::zeros(), 0.0, TICK_S)
+            .unwrap();
         assert!((touch.normal_W.norm() - 1.0).abs() < 1e-12);
     }
 }

@@ -1,0 +1,38 @@
+//! What the actuators can do: bounds, the nearest achievable force, wall laws, regions.
+//!
+//! One idea joins the papers: an actuator is an interval of torque that it can give *now*
+//! ([`Bounds`]). A motor has `[-max, max]`; a brake only the side against its rate (Karnopp
+//! 1985; Cho 2005, Eq 1). Everything here is a pure function of the reference matrix, rates
+//! and a desired wrench, in the plane B at the handle. Nothing here knows where the desire
+//! came from or what time it is; only [`StuckDetector`] remembers anything.
+
+mod bounds;
+mod box_least_squares;
+mod karnopp;
+mod nearest_reference;
+mod optimal;
+mod predicted_velocity;
+mod region;
+mod strategy;
+mod stuck;
+
+pub use bounds::{ActuatorKind, Bounds, Capability, ShaftMotion};
+pub use box_least_squares::nearest_in_box;
+pub use karnopp::{limited_Nm, literal_Nm};
+pub use nearest_reference::{NearestReference, nearest_reference};
+pub use optimal::{optimal, optimal_weighted};
+pub use predicted_velocity::{Handle, WallDemand, predicted_velocity};
+pub use region::{Bracket, Classification, Region, approximation_angle, classify};
+pub use strategy::{Outcome, Strategy, StrategyError, allocate};
+pub use stuck::StuckDetector;
+
+use crate::notation::{ActuatorVector, PlaneVector};
+
+/// Torques and the wrench that they give.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub struct Allocation {
+    /// Torque of each actuator.
+    pub torque_Nm: ActuatorVector,
+    /// `R` times the torques.
+    pub wrench: PlaneVector,
+}

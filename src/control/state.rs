@@ -1,0 +1,159 @@
+//! What a tick remembers for the next one. Bounded, plain, owned by the real-time thread.
+
+use super::estimate::Estimator;
+use super::stale::Authority;
+use super::{ActuatorCommands, ContactResult, Event, Fault, Mode, ModeCommand, ModeRefusal};
+use super::{RELEASED, Report};
+use crate::actuation::StuckDetector;
+use crate::environment::{Contact, MAX_CONSTRAINTS, MAX_CONTACTS, MAX_OBJECTS, SurfaceState};
+use crate::notation::PlaneVector;
+
+/// Ticks whose sensing time is remembered, to tell the age of a command.
+const TIMES: usize = 256;
+
+/// Run-time state of one device's control.
+#[derive(Clone, Debug)]
+pub struct ControlState {
+    pub(super) tick: u64,
+    pub(super) mode: Mode,
+    pub(super) fault: Option<Fault>,
+    pub(super) estimator: Estimator,
+    pub(super) authority: Authority,
+    pub(super) stuck: StuckDetector,
+    pub(super) was_stuck: bool,
+    pub(super) scene: Box<[SurfaceState; MAX_OBJECTS]>,
+    pub(super) contacts: ContactStates,
+    pub(super) controller_N: f64,
+    pub(super) soft_BH_N: PlaneVector,
+    pub(super) commands: ActuatorCommands,
+    pub(super) last: Report,
+    pub(super) touched: ([ContactResult; MAX_CONSTRAINTS], usize),
+    pub(super) device_errors: u32,
+    pub(super) events: EventLog,
+    times_ns: [u64; TIMES],
+}
+
+impl ControlState {
+    /// A device that has just been opened, in this mode.
+    pub fn new(mode: Mode) -> Self {
+        Self {
+            tick: 0,
+            mode,
+            fault: None,
+            estimator: Estimator::default(),
+            authority: Authority::Gone,
+            stuck: StuckDetector::default(),
+            was_stuck: false,
+            scene: Box::new([SurfaceState::default(); MAX_OBJECTS]),
+            contacts: ContactStates::default(),
+            controller_N: 0.0,
+            soft_BH_N: PlaneVector::zeros(),
+            commands: RELEASED,
+            last: Report::default(),
+            touched: ([ContactResult::default(); MAX_CONSTRAINTS], 0),
+            device_errors: 0,
+            events: EventLog::default(),
+            times_ns: [0; TIMES],
+        }
+    }
+
+    /// The mode now.
+    pub fn mode(&self) -> Mode {
+        self.mode
+    }
+
+    /// The latched fault.
+    pub fn fault(&self) -> Option<Fault> {
+        self.fault
+    }
+
+    /// Changes the mode, at a tick's edge.
+    pub fn command(&mut self, command: ModeCommand) -> Result<Mode, ModeRefusal> {
+        let mode = self.mode.after(command)?;
+        if command == ModeCommand::ClearFault {
+            self.fault = None;
+            self.device_errors = 0;
+            self.estimator.reset();
+        }
+        self.enter(mode);
+        Ok(mode)
+    }
+
+    /// Latches a fault; the first one stays.
+    pub(super) fn latch(&mut self, fault: Fault) {
+        if self.fault.is_none() {
+            self.fault = Some(fault);
+            self.events.push(Event::Fault(fault));
+        }
+        self.enter(Mode::Fault);
+    }
+
+    fn enter(&mut self, mode: Mode) {
+        if self.mode != mode {
+            self.mode = mode;
+            self.events.push(Event::Mode(mode));
+        }
+    }
+
+    pub(super) fn remember_time(&mut self, now_ns: u64) {
+        self.times_ns[self.tick as usize % TIMES] = now_ns;
+    }
+
+    /// From the sensing of `tick` to now; saturates at the oldest tick remembered.
+    pub(super) fn since_tick_ns(&self, tick: u64, now_ns: u64) -> u64 {
+        let oldest = self.tick.saturating_sub(TIMES as u64 - 1);
+        now_ns.saturating_sub(self.times_ns[tick.max(oldest) as usize % TIMES])
+    }
+}
+
+/// Surface states of the controller's contacts, by contact id.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ContactStates([Option<(u32, SurfaceState)>; MAX_CONTACTS]);
+
+impl ContactStates {
+    /// Keeps the states of these contacts, in their order, and forgets all others.
+    pub fn follow<'a>(&mut self, contacts: impl Iterator<Item = &'a Contact>) {
+        let before = self.0;
+        self.0 = [None; MAX_CONTACTS];
+        for (place, contact) in self.0.iter_mut().zip(contacts) {
+            let known = before.iter().flatten().find(|(id, _)| *id == contact.id);
+            *place = Some(
+                known
+                    .copied()
+                    .unwrap_or((contact.id, SurfaceState::default())),
+            );
+        }
+    }
+
+    /// The states, in the order last followed.
+    pub fn iter_mut(&mut self) -> impl Iterator<Item = &mut SurfaceState> {
+        self.0.iter_mut().flatten().map(|(_, state)| state)
+    }
+}
+
+/// Events of the tick under way.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct EventLog {
+    last: u64,
+    events: [Option<Event>; super::MAX_EVENTS],
+    count: usize,
+}
+
+impl EventLog {
+    /// Adds one; beyond the room of a tick the oldest goes.
+    pub fn push(&mut self, event: Event) {
+        self.last += 1;
+        if self.count == super::MAX_EVENTS {
+            self.events.copy_within(1.., 0);
+            self.count -= 1;
+        }
+        self.events[self.count] = Some(event);
+        self.count += 1;
+    }
+
+    /// Hands the events over with the number of the last.
+    pub fn take(&mut self) -> (u64, [Option<Event>; super::MAX_EVENTS]) {
+        self.count = 0;
+        (self.last, std::mem::take(&mut self.events))
+    }
+}

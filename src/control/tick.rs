@@ -1,0 +1,362 @@
+//! The tick itself: read top to bottom, it is the sentence of the module's header.
+
+use nalgebra::UnitQuaternion;
+
+use super::desire::{Request, proxy_W_m};
+use super::estimate::Estimate;
+use super::{
+    ActuatorCommands, ControlState, DeviceError, Event, Fault, Limit, Limits, Mode, Plan,
+    RenderedSource, Report, Sample, Setpoint, Wrench, guard, values_Nm,
+};
+use crate::actuation::{
+    ActuatorKind, Bounds, Capability, Handle, Outcome, ShaftMotion, allocate, approximation_angle,
+};
+use crate::environment::{Desired, Tool};
+use crate::notation::{ActuatorVector, PlaneVector};
+
+/// What one tick is given.
+#[derive(Clone, Copy, Debug)]
+pub struct TickInput<'a> {
+    /// What the device sensed, or why not.
+    pub sample: Result<Sample, DeviceError>,
+    /// The controller's newest command.
+    pub setpoint: &'a Setpoint,
+    /// The configuration.
+    pub plan: &'a Plan,
+    /// Device clock.
+    pub now_ns: u64,
+    /// Ticks in a row that were not done when the next was due.
+    pub overruns_in_row: u32,
+}
+
+/// What one tick decided: commands for the device, and the account of them.
+#[derive(Clone, Copy, Debug)]
+pub struct Decision {
+    /// For the device.
+    pub commands: ActuatorCommands,
+    /// For everybody else.
+    pub report: Report,
+}
+
+/// One tick. Bounded work, no allocation, no side effect but on `state`.
+pub fn tick(state: &mut ControlState, input: &TickInput) -> Decision {
+    state.tick += 1;
+    state.remember_time(input.now_ns);
+    if input.overruns_in_row >= input.plan.guards.max_overruns {
+        state.latch(Fault::Overrun);
+    }
+    let decision = match sense(state, input) {
+        Some(estimate) => render(state, &estimate, input),
+        None => blind(state, input),
+    };
+    state.commands = decision.commands;
+    state.last = decision.report;
+    decision
+}
+
+/// The estimate, unless the device gave none; latches the faults it reveals.
+fn sense(state: &mut ControlState, input: &TickInput) -> Option<Estimate> {
+    let sample = match input.sample {
+        Ok(sample) => sample,
+        Err(_) => {
+            state.device_errors += 1;
+            if state.device_errors >= input.plan.guards.max_device_errors {
+                state.latch(Fault::Device);
+            }
+            return None;
+        }
+    };
+    state.device_errors = 0;
+    if sample.buttons != state.last.buttons {
+        state.events.push(Event::Button(sample.buttons));
+    }
+    state.last.buttons = sample.buttons;
+    match state.estimator.update(&sample, input.plan, input.now_ns) {
+        Ok(estimate) => Some(estimate),
+        Err(fault) => {
+            state.latch(fault);
+            None
+        }
+    }
+}
+
+/// Without an estimate the last commands stand for the few ticks until the fault latches:
+/// a brake that holds the hand must not open because of one lost sample.
+fn blind(state: &mut ControlState, input: &TickInput) -> Decision {
+    let held = values_Nm(&state.commands);
+    let commands = guard::commands(state.mode, &held, input.plan, &mut Limits::default());
+    let mut report = Report {
+        tick: state.tick,
+        time_ns: input.now_ns,
+        mode: state.mode,
+        fault: state.fault,
+        command_new: false,
+        commanded_Nm: values_Nm(&commands),
+        ..state.last
+    };
+    (report.last_event, report.events) = state.events.take();
+    Decision { commands, report }
+}
+
+fn render(state: &mut ControlState, estimate: &Estimate, input: &TickInput) -> Decision {
+    let plan = input.plan;
+    let tool = tool_of(estimate, plan);
+    let (desired, request) = desire(state, estimate, &tool, input);
+    let capability = capability(estimate, plan);
+    let mut limits = request.limits;
+    limits.set(Limit::Stale, state.authority.is_fading());
+
+    let rendering = state.mode == Mode::Enabled;
+    let last_soft_BH_N = if rendering {
+        state.soft_BH_N
+    } else {
+        PlaneVector::zeros()
+    };
+    let soft_BH_N = guard::slewed(&request.soft_BH_N, &last_soft_BH_N, plan, &mut limits);
+    state.soft_BH_N = soft_BH_N;
+    let handle = Handle {
+        velocity: estimate.v_BH,
+        hand_force: estimate.F_hand_BH_N,
+        inertia: estimate.posture.inertia,
+        tick_s: plan.tick_s(),
+    };
+    let outcome = allocate(
+        plan.strategy,
+        &capability,
+        &handle,
+        &soft_BH_N,
+        request.walls(),
+    );
+    let commands = guard::commands(state.mode, &outcome.torque_Nm, plan, &mut limits);
+
+    let stuck = watch_stuck(state, estimate, &request, &commands, plan);
+    let mut report = sensed(state, estimate, &tool, input);
+    asked(&mut report, &request, &capability, plan, limits);
+    report.proxy_W_m = proxy_W_m(&desired, &tool);
+    report.stuck = stuck;
+    report.commanded_Nm = values_Nm(&commands);
+    if rendering {
+        achieved(&mut report, &request, &outcome, plan);
+    }
+    felt(&mut report, estimate, &capability, plan);
+    account_for_command(state, &mut report, input);
+    log_contacts(state, &report);
+    (report.last_event, report.events) = state.events.take();
+    Decision { commands, report }
+}
+
+fn tool_of(estimate: &Estimate, plan: &Plan) -> Tool {
+    let at_B = nalgebra::Vector3::new(estimate.p_BH.x, estimate.p_BH.y, 0.0) + plan.tool.offset_B_m;
+    Tool {
+        p_WT_m: plan.mount.p_WB_m + plan.mount.q_WB * at_B,
+        v_WT_m_per_s: plan.plane_to_W(&estimate.v_BH),
+        radius_m: plan.tool.radius_m,
+        tick_s: plan.tick_s(),
+    }
+}
+
+/// What the scene and the controller want here, raw and as requests in the plane.
+fn desire(
+    state: &mut ControlState,
+    estimate: &Estimate,
+    tool: &Tool,
+    input: &TickInput,
+) -> (Desired, Request) {
+    let ramp_ns = input.plan.guards.stale_ramp_ns;
+    if state
+        .authority
+        .advance(input.setpoint, input.now_ns, ramp_ns, state.controller_N)
+    {
+        state.events.push(Event::Stale);
+    }
+    let cap_N = state.authority.cap_N(input.now_ns, ramp_ns);
+    let mut desired = Desired::default();
+    for item in &input.plan.scene {
+        if let Some(surface) = state.scene.get_mut(usize::from(item.slot)) {
+            desired.add_item(item, surface, tool);
+        }
+    }
+    let live = cap_N > 0.0;
+    state
+        .contacts
+        .follow(input.setpoint.contacts().filter(|_| live));
+    for (contact, surface) in input.setpoint.contacts().zip(state.contacts.iter_mut()) {
+        desired.add_contact(contact, surface, tool);
+    }
+    let request = Request::from_desired(&desired, tool, estimate, input.plan, cap_N);
+    state.controller_N = request.controller_N;
+    (desired, request)
+}
+
+fn capability(estimate: &Estimate, plan: &Plan) -> Capability {
+    let Plan {
+        actuators,
+        mechanism,
+        ..
+    } = plan;
+    Capability {
+        reference: estimate.posture.reference,
+        freedoms: mechanism.freedoms(),
+        actuators: mechanism.actuators(),
+        kinds: actuators.kinds,
+        bounds: Bounds::given(&actuators.kinds, &actuators.max_torque_Nm, &estimate.motion),
+        moment_length_m: mechanism.reach_m().1,
+    }
+}
+
+fn watch_stuck(
+    state: &mut ControlState,
+    estimate: &Estimate,
+    request: &Request,
+    commands: &ActuatorCommands,
+    plan: &Plan,
+) -> bool {
+    let held = state.mode == Mode::Enabled && guard::engaged(commands);
+    let stuck = state.stuck.update(
+        &estimate.v_BH,
+        estimate.F_hand_BH_N.as_ref(),
+        request.walls(),
+        held,
+        plan.tick_s(),
+    );
+    if stuck != state.was_stuck {
+        state.events.push(if stuck {
+            Event::StuckBegin
+        } else {
+            Event::StuckEnd
+        });
+    }
+    state.was_stuck = stuck;
+    stuck
+}
+
+/// The part of the report that tells what was sensed.
+fn sensed(state: &ControlState, estimate: &Estimate, tool: &Tool, input: &TickInput) -> Report {
+    let plan = input.plan;
+    let turned = if plan.mechanism.freedoms() == 3 {
+        estimate.p_BH.z
+    } else {
+        0.0
+    };
+    Report {
+        tick: state.tick,
+        time_ns: input.now_ns,
+        mode: state.mode,
+        fault: state.fault,
+        p_WT_m: tool.p_WT_m,
+        q_WT: plan.mount.q_WB * UnitQuaternion::from_euler_angles(0.0, 0.0, turned),
+        v_WT_m_per_s: tool.v_WT_m_per_s,
+        omega_WT_rad_per_s: plan.mount.q_WB * nalgebra::Vector3::new(0.0, 0.0, estimate.v_BH.z),
+        hand: estimate.F_hand_BH_N.map(|hand| wrench_W(&hand, plan)),
+        buttons: state.last.buttons,
+        scene_revision: plan.scene_revision,
+        shaft_rad: estimate.shaft_rad,
+        shaft_rad_per_s: estimate.shaft_rad_per_s,
+        p_BH: estimate.p_BH,
+        ..Report::default()
+    }
+}
+
+fn wrench_W(wrench_BH: &PlaneVector, plan: &Plan) -> Wrench {
+    Wrench {
+        force_N: plan.plane_to_W(wrench_BH),
+        moment_Nm: plan.mount.q_WB * nalgebra::Vector3::new(0.0, 0.0, wrench_BH.z),
+    }
+}
+
+fn asked(
+    report: &mut Report,
+    request: &Request,
+    capability: &Capability,
+    _plan: &Plan,
+    limits: Limits,
+) {
+    report.requested = Wrench {
+        force_N: request.raw_W_N,
+        ..Wrench::default()
+    };
+    report.contacts = request.contacts;
+    report.contact_count = request.contact_count;
+    report.limits = limits;
+    report.bounds = capability.bounds;
+}
+
+fn achieved(report: &mut Report, request: &Request, outcome: &Outcome, plan: &Plan) {
+    let clipped = request.clipped_BH_N();
+    report.achievable = wrench_W(&outcome.wrench, plan);
+    if clipped.norm() > 0.0 {
+        report.law = Some(outcome.law);
+        report.region = outcome.region;
+        report.approximation_angle_rad = approximation_angle(&clipped, &outcome.wrench);
+        report.force_error_N = Some((outcome.wrench - clipped).norm());
+    }
+}
+
+/// What the hand felt: the sensor's reading turned around, or else the torques through the
+/// linkage where every engaged brake is known to slip.
+fn felt(report: &mut Report, estimate: &Estimate, capability: &Capability, plan: &Plan) {
+    if let Some(hand) = estimate.F_hand_BH_N {
+        report.rendered = wrench_W(&-hand, plan);
+        report.rendered_source = RenderedSource::Measured;
+    } else if let Some(torque_Nm) = slipping_torque_Nm(report, estimate, capability) {
+        report.rendered = wrench_W(&(capability.reference * torque_Nm), plan);
+        report.rendered_source = RenderedSource::Modelled;
+    }
+}
+
+fn slipping_torque_Nm(
+    report: &Report,
+    estimate: &Estimate,
+    capability: &Capability,
+) -> Option<ActuatorVector> {
+    let mut torque_Nm = ActuatorVector::zeros();
+    for i in 0..capability.actuators {
+        let commanded_Nm = report.commanded_Nm[i];
+        torque_Nm[i] = match (capability.kinds[i], estimate.motion[i]) {
+            (ActuatorKind::Motor, _) => commanded_Nm,
+            (ActuatorKind::Brake, ShaftMotion::Forward) => -commanded_Nm,
+            (ActuatorKind::Brake, ShaftMotion::Backward) => commanded_Nm,
+            (ActuatorKind::Brake, ShaftMotion::Rest) if commanded_Nm == 0.0 => 0.0,
+            (ActuatorKind::Brake, ShaftMotion::Rest) => return None,
+        };
+    }
+    Some(torque_Nm)
+}
+
+fn account_for_command(state: &ControlState, report: &mut Report, input: &TickInput) {
+    let setpoint = input.setpoint;
+    if !setpoint.is_fresh(input.now_ns) {
+        return;
+    }
+    report.command_seq = setpoint.seq;
+    report.command_new = setpoint.seq != state.last.command_seq;
+    report.command_lag_ticks = state.tick.saturating_sub(setpoint.state_tick);
+    report.command_age_ns = state.since_tick_ns(setpoint.state_tick, input.now_ns);
+}
+
+fn log_contacts(state: &mut ControlState, report: &Report) {
+    let (before, count) = state.touched;
+    let before = &before[..count];
+    let same =
+        |a: &super::ContactResult, b: &super::ContactResult| a.source == b.source && a.id == b.id;
+    for gone in before
+        .iter()
+        .filter(|old| !report.contacts().iter().any(|new| same(old, new)))
+    {
+        state.events.push(Event::ContactEnd {
+            source: gone.source,
+            id: gone.id,
+        });
+    }
+    for new in report
+        .contacts()
+        .iter()
+        .filter(|new| !before.iter().any(|old| same(old, new)))
+    {
+        state.events.push(Event::ContactBegin {
+            source: new.source,
+            id: new.id,
+        });
+    }
+    state.touched = (report.contacts, report.contact_count);
+}

@@ -1,0 +1,117 @@
+//! One turn of a device: commands, read, tick, write, hand over.
+
+use super::guard::no_alloc;
+use crate::control::{
+    ControlCommand, ControlReply, ControlState, Decision, Plan, RELEASED, Record, Report, Setpoint,
+    TickInput, tick,
+};
+use crate::device::Device;
+use crate::link::RtEnd;
+
+/// The bridges of a device, with what they really carry.
+pub type DeviceLink = RtEnd<Setpoint, Report, Record, ControlCommand, ControlReply>;
+
+/// Commands carried out in one turn: bounded, and more than the ring holds is never there.
+const COMMANDS_PER_TURN: usize = 2;
+
+/// A device with its law and its bridges.
+pub struct Cycle<D: Device> {
+    device: D,
+    state: ControlState,
+    plan: Box<Plan>,
+    link: DeviceLink,
+    overruns_in_row: u32,
+}
+
+impl<D: Device> Cycle<D> {
+    /// Takes everything that a turn needs.
+    pub fn new(device: D, state: ControlState, plan: Box<Plan>, link: DeviceLink) -> Self {
+        Self {
+            device,
+            state,
+            plan,
+            link,
+            overruns_in_row: 0,
+        }
+    }
+
+    /// Time between turns.
+    pub fn tick_ns(&self) -> u64 {
+        self.plan.tick_ns
+    }
+
+    /// The device, for tests that look behind the encoders.
+    pub fn device(&self) -> &D {
+        &self.device
+    }
+
+    /// One turn at `now_ns`, which was due at `due_ns`. `clock` tells the time when asked,
+    /// for the durations in the record; in virtual time it stands still.
+    pub fn turn(&mut self, due_ns: u64, now_ns: u64, clock: impl Fn() -> u64) -> Report {
+        no_alloc(|| {
+            self.obey();
+            let mut device_error = None;
+            let sample = self
+                .device
+                .read(now_ns)
+                .inspect_err(|error| device_error = Some(*error));
+            let sensed_ns = clock();
+            let decision = self.decide(sample, now_ns);
+            let decided_ns = clock();
+            if let Err(error) = self.device.write(&decision.commands) {
+                device_error = Some(error);
+            }
+            let done_ns = clock();
+            let overrun = done_ns >= due_ns + self.plan.tick_ns;
+            self.overruns_in_row = if overrun { self.overruns_in_row + 1 } else { 0 };
+            let record = Record {
+                report: decision.report,
+                wakeup_lateness_ns: now_ns.saturating_sub(due_ns),
+                execution_ns: decided_ns.saturating_sub(sensed_ns),
+                device_io_ns: (sensed_ns.saturating_sub(now_ns))
+                    + (done_ns.saturating_sub(decided_ns)),
+                overrun,
+                device_error,
+            };
+            self.link.publish(decision.report, record);
+            decision.report
+        })
+    }
+
+    /// Lets go of the hand. For the end of the thread.
+    pub fn release(&mut self) {
+        let mut commands = RELEASED;
+        for (command, kind) in commands.iter_mut().zip(self.plan.actuators.kinds) {
+            if kind == crate::actuation::ActuatorKind::Motor {
+                *command = crate::control::ActuatorCommand::Motor { torque_Nm: 0.0 };
+            }
+        }
+        // Nobody is left to be told of a device that does not listen either.
+        let _ = self.device.write(&commands);
+    }
+
+    fn obey(&mut self) {
+        for _ in 0..COMMANDS_PER_TURN {
+            let Some(command) = self.link.next_command() else {
+                return;
+            };
+            let reply = self.state.apply(command, &mut self.plan);
+            self.link.reply(reply);
+        }
+    }
+
+    fn decide(
+        &mut self,
+        sample: Result<crate::control::Sample, crate::control::DeviceError>,
+        now_ns: u64,
+    ) -> Decision {
+        let input = TickInput {
+            sample,
+            setpoint: self.link.setpoint(),
+            plan: &self.plan,
+            now_ns,
+            overruns_in_row: self.overruns_in_row,
+        };
+        tick(&mut self.state, &input)
+    }
+}

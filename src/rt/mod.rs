@@ -1,0 +1,17 @@
+//! The real-time thread: wake on time, read, tick, write, record.
+//!
+//! [`Cycle`] is one turn and knows no clock, so the same code runs in virtual time in tests
+//! and experiments; [`spawn`] gives it a thread, rights, and the monotonic clock. Linux only.
+//! The thread never sees a socket: it meets the network in [`crate::link`].
+
+mod clock;
+mod cycle;
+mod guard;
+mod rights;
+mod thread;
+
+pub use clock::now_ns;
+pub use cycle::{Cycle, DeviceLink};
+pub use guard::no_alloc;
+pub use rights::{Right, Rights, RightsError};
+pub use thread::{Realtime, RtConfig, RtError, RtHandle, spawn};
