@@ -1,13 +1,78 @@
-//! hapticd: a networked haptic server.
-#![allow(non_snake_case)] // names carry frames: `p_BH`, `F_BH_N`
+//! hapticd: a networked haptic server for devices with brakes and motors.
+//!
+//! Beside the device it runs a hard 1 kHz loop; simulators anywhere push contacts and are
+//! told, every tick, what was asked, what was possible, what was felt, and why.
+//!
+//! # Layers
+//!
+//! A module may `use` only what stands above it in this list; a test holds that.
+//!
+//! | module | one sentence |
+//! |---|---|
+//! | [`proto`] | the public contract, generated |
+//! | [`notation`], [`units`] | frames, signs, vectors; checked quantities at the borders |
+//! | [`mechanism`] | PURE where the handle is: one linkage per file |
+//! | [`environment`] | PURE what the world wants: shapes, materials, fields |
+//! | [`actuation`] | PURE what the actuators can do: bounds, allocation, wall laws |
+//! | [`wire`] | PURE datagram bytes and values |
+//! | [`link`] | the bridges of the real-time thread |
+//! | [`control`] | PURE one tick: sample, setpoint and plan become a decision |
+//! | [`session`] | PURE who may command: handshake, lease, liveness |
+//! | [`device`] | where samples come from: simulated plant and hand |
+//! | [`config`] | what the user wrote becomes what the loop needs |
+//! | `rt` | the thread: cycle, clock, rights (Linux) |
+//! | `telemetry` | one table of metrics, histograms, figures of a run |
+//! | `host` | one device as the services see it |
+//! | `quic` | what both ends of a QUIC connection agree on |
+//! | `net` | the server's sockets |
+//! | `client` | the client library |
+//! | `app`, `cli` | composition root and commands |
+//!
+//! # Data flow
+//!
+//! ```text
+//! device ─ Sample ─▶ control::tick ─ Decision ─▶ device
+//!                      ▲      │
+//!   setpoint (newest) ─┘      └─ Report, Record (rings) ─▶ session ─ State ─▶ simulators
+//!        ▲                                              └▶ telemetry ─▶ Prometheus
+//!   session ◀─ Command ─ simulators
+//! ```
+#![deny(unsafe_code)]
+#![allow(non_snake_case)]
+// names carry frames: `p_BH`, `F_BH_N`
+// The bans of clippy.toml are for the real-time modules, which deny them.
+#![allow(clippy::disallowed_types, clippy::disallowed_methods, clippy::disallowed_macros)]
+
+/// Tests prove that a tick does not allocate.
+#[cfg(test)]
+#[global_allocator]
+static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
 
 pub mod actuation;
+#[cfg(feature = "net")]
+pub mod app;
+#[cfg(feature = "net")]
+pub mod cli;
+#[cfg(feature = "client")]
+pub mod client;
+pub mod config;
 pub mod control;
 pub mod device;
 pub mod environment;
+#[cfg(feature = "net")]
+pub mod host;
 pub mod link;
 pub mod mechanism;
+#[cfg(feature = "net")]
+pub mod net;
 pub mod notation;
 pub mod proto;
+#[cfg(feature = "client")]
+pub mod quic;
+#[cfg(target_os = "linux")]
 pub mod rt;
+pub mod session;
+#[cfg(target_os = "linux")]
+pub mod telemetry;
 pub mod units;
+pub mod wire;

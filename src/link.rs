@@ -33,6 +33,7 @@ pub struct RtEnd<S: Send, R, K, C, P> {
 }
 
 /// The stream thread's end.
+#[derive(Debug)]
 pub struct StreamEnd<S: Send, R> {
     /// Where the newest command goes.
     pub setpoint: Input<S>,
@@ -41,6 +42,7 @@ pub struct StreamEnd<S: Send, R> {
 }
 
 /// The supervisor's end.
+#[derive(Debug)]
 pub struct SupervisorEnd<C, P> {
     /// To the device.
     pub commands: Producer<C>,
@@ -53,12 +55,7 @@ pub struct SupervisorEnd<C, P> {
 #[allow(clippy::type_complexity)] // four ends, each named above
 pub fn bridge<S: Clone + Send, R, K, C, P>(
     initial: &S,
-) -> (
-    RtEnd<S, R, K, C, P>,
-    StreamEnd<S, R>,
-    Consumer<K>,
-    SupervisorEnd<C, P>,
-) {
+) -> (RtEnd<S, R, K, C, P>, StreamEnd<S, R>, Consumer<K>, SupervisorEnd<C, P>) {
     let (setpoint_in, setpoint_out) = TripleBuffer::new(initial).split();
     let (reports_in, reports_out) = RingBuffer::new(REPORTS);
     let (records_in, records_out) = RingBuffer::new(RECORDS);
@@ -72,14 +69,8 @@ pub fn bridge<S: Clone + Send, R, K, C, P>(
         replies: replies_in,
         dropped: 0,
     };
-    let stream = StreamEnd {
-        setpoint: setpoint_in,
-        reports: reports_out,
-    };
-    let supervisor = SupervisorEnd {
-        commands: commands_in,
-        replies: replies_out,
-    };
+    let stream = StreamEnd { setpoint: setpoint_in, reports: reports_out };
+    let supervisor = SupervisorEnd { commands: commands_in, replies: replies_out };
     (rt, stream, records_out, supervisor)
 }
 

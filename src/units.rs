@@ -25,11 +25,7 @@ impl FieldError {
         value: impl fmt::Display,
         allowed: impl Into<String>,
     ) -> Self {
-        Self {
-            field: field.into(),
-            value: value.to_string(),
-            allowed: allowed.into(),
-        }
+        Self { field: field.into(), value: value.to_string(), allowed: allowed.into() }
     }
 
     /// The same refusal seen from the outside: `outer.field`.
@@ -62,12 +58,16 @@ impl Range {
         if value >= self.min && value <= self.max {
             Ok(value)
         } else {
-            Err(FieldError::new(
-                field,
-                value,
-                format!("must be a number in {self}"),
-            ))
+            Err(FieldError::new(field, value, format!("must be a number in {self}")))
         }
+    }
+
+    /// The value as a count, when it is inside a range that holds no negative number.
+    pub fn check_whole(&self, field: &str, value: i64) -> Result<u64, FieldError> {
+        self.check(field, value as f64)?;
+        let refusal =
+            |_| FieldError::new(field, value, format!("must be a whole number in {self}"));
+        u64::try_from(value).map_err(refusal)
     }
 }
 
@@ -89,6 +89,48 @@ pub const DAMPING: Range = Range::new(0.0, 1e6, "N s/m");
 pub const FRICTION: Range = Range::new(0.0, 10.0, "(coefficient)");
 /// Component of a constant force.
 pub const FORCE: Range = Range::new(-1000.0, 1000.0, "N");
+/// Length of a normal as written; it is brought to 1.
+pub const NORMAL_LENGTH: Range = Range::new(1e-6, 1e6, "(length)");
+/// Length of a quaternion as written; it is brought to 1.
+pub const QUATERNION_LENGTH: Range = Range::new(0.99, 1.01, "(length)");
+
+/// Largest torque of an actuator.
+pub const TORQUE_LIMIT: Range = Range::new(1e-6, 1000.0, "N m");
+/// Torque of a released brake, or of a stopped one.
+pub const HOLDING_TORQUE: Range = Range::new(0.0, 1000.0, "N m");
+/// Time constant of an actuator.
+pub const LAG: Range = Range::new(0.0, 1.0, "s");
+/// Encoder counts of one turn of a shaft.
+pub const COUNTS: Range = Range::new(16.0, 4_294_967_296.0, "counts");
+/// Noise or bias of a force sensor.
+pub const SENSOR_ERROR: Range = Range::new(0.0, 100.0, "N");
+/// Component of the way from the handle to the tool point.
+pub const TOOL_OFFSET: Range = Range::new(-1.0, 1.0, "m");
+/// Radius of the tool.
+pub const TOOL_RADIUS: Range = Range::new(0.0, 0.1, "m");
+/// Ticks per second.
+pub const RATE: Range = Range::new(100.0, 4000.0, "Hz");
+/// Largest force that may be asked for.
+pub const FORCE_LIMIT: Range = Range::new(0.1, 10_000.0, "N");
+/// Fastest change of a soft force.
+pub const SLEW: Range = Range::new(1.0, 1e9, "N/s");
+/// Time in which a force fades.
+pub const RAMP: Range = Range::new(0.0, 10_000.0, "ms");
+/// Disagreement of redundant encoders.
+pub const CLOSURE: Range = Range::new(1e-4, std::f64::consts::PI, "rad");
+/// Bad ticks in a row.
+pub const IN_A_ROW: Range = Range::new(1.0, 1_000_000.0, "ticks");
+
+/// A port; 0 is any free one.
+pub const PORT: Range = Range::new(0.0, 65_535.0, "(port, 0 = any free one)");
+/// Priority of a real-time thread.
+pub const PRIORITY: Range = Range::new(1.0, 99.0, "(SCHED_FIFO priority)");
+/// Number of a processor.
+pub const PROCESSOR: Range = Range::new(0.0, 1023.0, "(processor number)");
+/// Sessions at a time.
+pub const SESSIONS: Range = Range::new(1.0, 1024.0, "sessions");
+/// Time-to-live of a command.
+pub const TIME_TO_LIVE: Range = Range::new(1.0, 10_000.0, "ms");
 
 #[cfg(test)]
 mod tests {
@@ -102,6 +144,14 @@ mod tests {
             "material.stiffness = -1: must be a number in 0 to 1000000000 N/m"
         );
         assert_eq!(error.within("wall").field, "wall.material.stiffness");
+    }
+
+    #[test]
+    fn counts_are_whole_and_inside() {
+        assert_eq!(PORT.check_whole("port", 7350), Ok(7350));
+        for value in [-1, 65_536, i64::MIN, i64::MAX] {
+            assert_eq!(PORT.check_whole("port", value).unwrap_err().field, "port");
+        }
     }
 
     #[test]

@@ -59,11 +59,7 @@ impl Bounds {
             let allowed = kinds[i] == ActuatorKind::Motor
                 || motion[i] == ShaftMotion::Rest
                 || motion[i] == against;
-            if allowed {
-                max_torque_Nm[i].max(0.0)
-            } else {
-                0.0
-            }
+            if allowed { max_torque_Nm[i].max(0.0) } else { 0.0 }
         };
         Self {
             lower_Nm: ActuatorVector::from_fn(|i, _| -may(i, ShaftMotion::Forward)),
@@ -74,11 +70,7 @@ impl Bounds {
     /// `torque_Nm` moved into the bounds; what is not a number becomes the value nearest zero.
     pub fn clamp(&self, torque_Nm: &ActuatorVector) -> ActuatorVector {
         ActuatorVector::from_fn(|i, _| {
-            let wanted_Nm = if torque_Nm[i].is_nan() {
-                0.0
-            } else {
-                torque_Nm[i]
-            };
+            let wanted_Nm = if torque_Nm[i].is_nan() { 0.0 } else { torque_Nm[i] };
             wanted_Nm.min(self.upper_Nm[i]).max(self.lower_Nm[i])
         })
     }
@@ -104,9 +96,7 @@ pub struct Capability {
 impl Capability {
     /// True when nothing can put energy in.
     pub fn is_passive(&self) -> bool {
-        self.kinds[..self.actuators]
-            .iter()
-            .all(|kind| *kind == ActuatorKind::Brake)
+        self.kinds[..self.actuators].iter().all(|kind| *kind == ActuatorKind::Brake)
     }
 
     /// The wrench of these torques.

@@ -31,15 +31,7 @@ pub fn nearest_in_box(
     }
     let finite = |part: &f64| part.is_finite();
     if matrix.iter().all(finite) && target.iter().all(finite) {
-        Search {
-            matrix,
-            target,
-            lower,
-            upper,
-            count,
-            free: [false; MAX_ACTUATORS],
-        }
-        .run(&mut x);
+        Search { matrix, target, lower, upper, count, free: [false; MAX_ACTUATORS] }.run(&mut x);
     }
     x
 }
@@ -89,11 +81,7 @@ impl Search<'_> {
         for i in (0..self.count).filter(|&i| !self.free[i] && !tried[i]) {
             let length = self.matrix.column(i).norm();
             let slope = self.matrix.column(i).dot(&residual);
-            let room = if slope > 0.0 {
-                x[i] < self.upper[i]
-            } else {
-                x[i] > self.lower[i]
-            };
+            let room = if slope > 0.0 { x[i] < self.upper[i] } else { x[i] > self.lower[i] };
             if room && length > 0.0 && slope.abs() / length > best.0 {
                 best = (slope.abs() / length, Some(i));
             }

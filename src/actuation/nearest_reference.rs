@@ -29,23 +29,16 @@ pub fn nearest_reference(
 ) -> NearestReference {
     if capability.freedoms > 2 {
         let allocation = optimal(capability, desired);
-        return NearestReference {
-            raw_torque_Nm: allocation.torque_Nm,
-            allocation,
-        };
+        return NearestReference { raw_torque_Nm: allocation.torque_Nm, allocation };
     }
     let displayable = classify(capability, desired, velocity)
         .is_none_or(|found| found.region != Region::NotDisplayable);
     let bracket = Bracket::around(capability, desired)
         .filter(|_| displayable && desired.iter().all(|part| part.is_finite()));
-    let raw_torque_Nm = bracket.map_or_else(ActuatorVector::zeros, |b| {
-        pair_or_nearest(capability, desired, &b)
-    });
+    let raw_torque_Nm =
+        bracket.map_or_else(ActuatorVector::zeros, |b| pair_or_nearest(capability, desired, &b));
     let clipped = capability.bounds.clamp(&raw_torque_Nm);
-    NearestReference {
-        raw_torque_Nm,
-        allocation: capability.allocation(clipped),
-    }
+    NearestReference { raw_torque_Nm, allocation: capability.allocation(clipped) }
 }
 
 fn pair_or_nearest(
@@ -90,16 +83,10 @@ mod tests {
                 reference[(0, i)] = rng.random_range(-5.0..5.0);
                 reference[(1, i)] = rng.random_range(-5.0..5.0);
             }
-            let velocity = PlaneVector::new(
-                rng.random_range(-1.0..1.0),
-                rng.random_range(-1.0..1.0),
-                0.0,
-            );
-            let mut desired = PlaneVector::new(
-                rng.random_range(-9.0..9.0),
-                rng.random_range(-9.0..9.0),
-                0.0,
-            );
+            let velocity =
+                PlaneVector::new(rng.random_range(-1.0..1.0), rng.random_range(-1.0..1.0), 0.0);
+            let mut desired =
+                PlaneVector::new(rng.random_range(-9.0..9.0), rng.random_range(-9.0..9.0), 0.0);
             if desired.dot(&velocity) > 0.0 {
                 desired = -desired;
             }
@@ -115,9 +102,7 @@ mod tests {
                 bounds,
                 moment_length_m: 1.0,
             };
-            let rule = nearest_reference(&capability, &desired, &velocity)
-                .allocation
-                .wrench;
+            let rule = nearest_reference(&capability, &desired, &velocity).allocation.wrench;
             let best = optimal(&capability, &desired).wrench;
             assert!((rule - best).norm() < 1e-8, "{rule} for {best}");
         }

@@ -35,26 +35,15 @@ pub fn optimal_weighted(
     let Bounds { lower_Nm, upper_Nm } = &capability.bounds;
     let count = capability.actuators;
     let nearest = nearest_in_box(&matrix, &target, lower_Nm, upper_Nm, count);
-    let least = Face::of(
-        &matrix,
-        &target,
-        &nearest,
-        &capability.bounds,
-        weights,
-        count,
-    )
-    .least_norm();
+    let least =
+        Face::of(&matrix, &target, &nearest, &capability.bounds, weights, count).least_norm();
     let fixed = ActuatorVector::from_fn(|i, _| if i < count { nearest[i] } else { 0.0 });
     capability.allocation(least.unwrap_or(fixed))
 }
 
 /// Moments in units of force, and nothing in the rows that do not count.
 fn scaled(capability: &Capability, desired: &PlaneVector) -> (ReferenceMatrix, PlaneVector) {
-    let share = if capability.freedoms > 2 {
-        1.0 / capability.moment_length_m
-    } else {
-        0.0
-    };
+    let share = if capability.freedoms > 2 { 1.0 / capability.moment_length_m } else { 0.0 };
     let (mut matrix, mut target) = (capability.reference, *desired);
     matrix.row_mut(2).scale_mut(share);
     target.z *= share;
@@ -90,9 +79,7 @@ impl<'a> Face<'a> {
     ) -> Self {
         let image = matrix * nearest;
         let residual = target - image;
-        let scale = (0..count)
-            .map(|i| matrix.column(i).norm() * nearest[i].abs())
-            .sum::<f64>();
+        let scale = (0..count).map(|i| matrix.column(i).norm() * nearest[i].abs()).sum::<f64>();
         let floor = (scale + target.norm()) * ROUNDING * 10.0;
         let mut face = Self {
             matrix,
@@ -129,8 +116,7 @@ impl<'a> Face<'a> {
     /// Torque of a trading actuator under these multipliers.
     fn torque(&self, i: usize, lambda: &PlaneVector) -> f64 {
         let free = self.column(i).dot(lambda) / self.weights[i];
-        free.min(self.bounds.upper_Nm[i])
-            .max(self.bounds.lower_Nm[i])
+        free.min(self.bounds.upper_Nm[i]).max(self.bounds.lower_Nm[i])
     }
 
     fn least_norm(&self) -> Option<ActuatorVector> {
@@ -139,8 +125,7 @@ impl<'a> Face<'a> {
             let missing = self.missing(&lambda);
             if missing.norm() <= 4.0 * ROUNDING * (self.scale + self.share.norm()) {
                 let mut torque = self.pinned;
-                self.trading()
-                    .for_each(|i| torque[i] = self.torque(i, &lambda));
+                self.trading().for_each(|i| torque[i] = self.torque(i, &lambda));
                 return Some(torque);
             }
             let direction = self.direction(&lambda, &missing);
@@ -150,9 +135,7 @@ impl<'a> Face<'a> {
     }
 
     fn missing(&self, lambda: &PlaneVector) -> PlaneVector {
-        self.trading().fold(self.share, |rest, i| {
-            rest - self.column(i) * self.torque(i, lambda)
-        })
+        self.trading().fold(self.share, |rest, i| rest - self.column(i) * self.torque(i, lambda))
     }
 
     /// Newton's direction; where the free columns cannot give what is missing, the part of
@@ -166,11 +149,7 @@ impl<'a> Face<'a> {
             }
         }
         let (newton, out_of_reach) = solve_in_range(&curvature, missing);
-        if out_of_reach.norm() > 1e-9 * missing.norm() {
-            out_of_reach
-        } else {
-            newton
-        }
+        if out_of_reach.norm() > 1e-9 * missing.norm() { out_of_reach } else { newton }
     }
 
     /// Step that minimises the dual along `direction`: its slope falls piecewise linearly,
@@ -239,14 +218,7 @@ fn solve_in_range(curvature: &Matrix3<f64>, b: &PlaneVector) -> (PlaneVector, Pl
         directions[rank] = direction;
         rank += 1;
     }
-    (
-        x,
-        if rank == 3 {
-            PlaneVector::zeros()
-        } else {
-            rest
-        },
-    )
+    (x, if rank == 3 { PlaneVector::zeros() } else { rest })
 }
 
 #[cfg(test)]

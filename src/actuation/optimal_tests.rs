@@ -74,11 +74,7 @@ fn random_case(rng: &mut ChaCha8Rng) -> (Capability, PlaneVector) {
         }
     }
     let kinds = std::array::from_fn(|_| {
-        if rng.random_bool(0.3) {
-            ActuatorKind::Motor
-        } else {
-            ActuatorKind::Brake
-        }
+        if rng.random_bool(0.3) { ActuatorKind::Motor } else { ActuatorKind::Brake }
     });
     let motion = std::array::from_fn(|_| match rng.random_range(0..4) {
         0 => ShaftMotion::Rest,
@@ -86,11 +82,7 @@ fn random_case(rng: &mut ChaCha8Rng) -> (Capability, PlaneVector) {
         _ => ShaftMotion::Backward,
     });
     let max = ActuatorVector::from_fn(|_, _| {
-        if rng.random_bool(0.05) {
-            0.0
-        } else {
-            rng.random_range(0.1..20.0)
-        }
+        if rng.random_bool(0.05) { 0.0 } else { rng.random_range(0.1..20.0) }
     });
     let bounds = Bounds::given(&kinds, &max, &motion);
     let size = 10f64.powf(rng.random_range(-3.0..4.0));
@@ -98,14 +90,8 @@ fn random_case(rng: &mut ChaCha8Rng) -> (Capability, PlaneVector) {
     for row in 0..freedoms {
         desired[row] = size * rng.random_range(-1.0..1.0);
     }
-    let capability = Capability {
-        reference,
-        freedoms,
-        actuators,
-        kinds,
-        bounds,
-        moment_length_m: 0.3,
-    };
+    let capability =
+        Capability { reference, freedoms, actuators, kinds, bounds, moment_length_m: 0.3 };
     (capability, desired)
 }
 
@@ -132,10 +118,7 @@ fn it_equals_exhaustive_search() {
         for i in 0..MAX_ACTUATORS {
             let Bounds { lower_Nm, upper_Nm } = capability.bounds;
             let outside = torque[i] < lower_Nm[i] || torque[i] > upper_Nm[i];
-            assert!(
-                !outside || i >= capability.actuators,
-                "case {case}: {i} out of bounds"
-            );
+            assert!(!outside || i >= capability.actuators, "case {case}: {i} out of bounds");
         }
     }
 }
@@ -160,9 +143,7 @@ fn weights_move_the_load_and_never_the_force() {
         let (capability, desired) = random_case(&mut rng);
         let weights = ActuatorVector::from_fn(|_, _| rng.random_range(0.1..10.0));
         let cost = |torque: &ActuatorVector| {
-            (0..MAX_ACTUATORS)
-                .map(|i| weights[i] * torque[i] * torque[i])
-                .sum::<f64>()
+            (0..MAX_ACTUATORS).map(|i| weights[i] * torque[i] * torque[i]).sum::<f64>()
         };
         let plain = optimal(&capability, &desired);
         let weighted = optimal_weighted(&capability, &desired, &weights);
@@ -176,13 +157,7 @@ fn weights_move_the_load_and_never_the_force() {
 fn what_is_not_a_number_gives_no_torque() {
     let (mut capability, desired) = random_case(&mut ChaCha8Rng::seed_from_u64(10));
     let bad = PlaneVector::new(f64::NAN, f64::INFINITY, 0.0);
-    assert_eq!(
-        optimal(&capability, &bad).torque_Nm,
-        ActuatorVector::zeros()
-    );
+    assert_eq!(optimal(&capability, &bad).torque_Nm, ActuatorVector::zeros());
     capability.reference[(0, 0)] = f64::NAN;
-    assert_eq!(
-        optimal(&capability, &desired).torque_Nm,
-        ActuatorVector::zeros()
-    );
+    assert_eq!(optimal(&capability, &desired).torque_Nm, ActuatorVector::zeros());
 }

@@ -54,10 +54,7 @@ impl Mobility {
         if freedoms > 2 {
             inverse = inertia.try_inverse()?;
         } else {
-            let block = inertia
-                .fixed_view::<2, 2>(0, 0)
-                .into_owned()
-                .try_inverse()?;
+            let block = inertia.fixed_view::<2, 2>(0, 0).into_owned().try_inverse()?;
             inverse.fixed_view_mut::<2, 2>(0, 0).copy_from(&block);
         }
         Some(Self { inverse })
@@ -67,11 +64,7 @@ impl Mobility {
     fn locked(&self, motion: &PlaneVector, ray: &PlaneVector) -> PlaneVector {
         let give = self.inverse * ray;
         let stiff = ray.dot(&give);
-        if stiff > 0.0 {
-            motion - give * (ray.dot(motion) / stiff)
-        } else {
-            *motion
-        }
+        if stiff > 0.0 { motion - give * (ray.dot(motion) / stiff) } else { *motion }
     }
 }
 
@@ -116,9 +109,7 @@ fn best_brake(
         let reaction = -ray * ray.dot(ahead).signum();
         let cosine = reaction.dot(&pressed.normal) / length;
         let path = mobility.locked(ahead, &ray);
-        let clear = walls
-            .iter()
-            .all(|wall| path.dot(&wall.normal) >= -INTO_WALL * ahead.norm());
+        let clear = walls.iter().all(|wall| path.dot(&wall.normal) >= -INTO_WALL * ahead.norm());
         if clear && length > 0.0 && cosine > best.0 {
             best = (cosine, Some((i, reaction)));
         }
@@ -139,9 +130,8 @@ fn best_brake(
 
 /// The nearest force that the brakes give together.
 fn hold(capability: &Capability, walls: &[WallDemand]) -> Allocation {
-    let wanted = walls.iter().fold(PlaneVector::zeros(), |sum, wall| {
-        sum + wall.normal * wall.force_N
-    });
+    let wanted =
+        walls.iter().fold(PlaneVector::zeros(), |sum, wall| sum + wall.normal * wall.force_N);
     let mut brakes_only = *capability;
     for i in 0..capability.actuators {
         if capability.kinds[i] == ActuatorKind::Motor {
@@ -169,11 +159,7 @@ mod tests {
             reference[(1, i)] = column[1];
         }
         let kinds = [ActuatorKind::Brake; MAX_ACTUATORS];
-        let bounds = Bounds::given(
-            &kinds,
-            &ActuatorVector::repeat(20.0),
-            &[motion; MAX_ACTUATORS],
-        );
+        let bounds = Bounds::given(&kinds, &ActuatorVector::repeat(20.0), &[motion; MAX_ACTUATORS]);
         Capability {
             reference,
             freedoms: 2,
@@ -197,10 +183,7 @@ mod tests {
     }
 
     fn wall(force_N: f64) -> WallDemand {
-        WallDemand {
-            normal: -PlaneVector::x(),
-            force_N,
-        }
+        WallDemand { normal: -PlaneVector::x(), force_N }
     }
 
     const RAYS: [[f64; 2]; 4] = [[-3.0, 2.5], [-3.5, -1.0], [-1.0, 4.0], [4.0, -9.0]];
@@ -211,34 +194,21 @@ mod tests {
         for hand_y in [-20.0, -5.0, 5.0, 20.0] {
             let handle = handle([0.0, 0.01 * f64::signum(hand_y)], [10.0, hand_y]);
             let found = predicted_velocity(&capability, &handle, &[wall(50.0)]);
-            assert_eq!(
-                found
-                    .torque_Nm
-                    .iter()
-                    .filter(|torque| **torque != 0.0)
-                    .count(),
-                1
-            );
+            assert_eq!(found.torque_Nm.iter().filter(|torque| **torque != 0.0).count(), 1);
             assert!(found.wrench.x < 0.0, "it pushes out of the wall");
             let locked = found.torque_Nm.iamax();
             let mobility = Mobility::of(&handle.inertia, 2).unwrap();
             let ahead = handle.velocity + mobility.inverse * handle.hand_force.unwrap() * 1e-3;
             let path = mobility.locked(&ahead, &capability.reference.column(locked).into_owned());
-            assert!(
-                path.x <= 0.0 && path.y * hand_y > 0.0,
-                "it slides on: {path}"
-            );
+            assert!(path.x <= 0.0 && path.y * hand_y > 0.0, "it slides on: {path}");
         }
     }
 
     #[test]
     fn a_soft_wall_gets_the_normal_force_it_asks_for() {
         let capability = capability(&RAYS, ShaftMotion::Rest);
-        let found = predicted_velocity(
-            &capability,
-            &handle([0.01, -0.1], [1.0, -5.0]),
-            &[wall(2.0)],
-        );
+        let found =
+            predicted_velocity(&capability, &handle([0.01, -0.1], [1.0, -5.0]), &[wall(2.0)]);
         assert!((found.wrench.x + 2.0).abs() < 1e-12);
     }
 
@@ -268,9 +238,7 @@ mod tests {
             let handle = handle([velocity.x, velocity.y], [10.0, pull]);
             let capability = capability(&RAYS, ShaftMotion::Rest);
             let demand = [wall((1e7 * x_m).clamp(0.0, 100.0))];
-            let capacity = predicted_velocity(&capability, &handle, &demand)
-                .torque_Nm
-                .abs();
+            let capacity = predicted_velocity(&capability, &handle, &demand).torque_Nm.abs();
             let ahead = velocity + handle.hand_force.unwrap() * (1e-3 / 0.5);
             let matrix = capability.reference * (1e-3 / 0.5f64.sqrt());
             let torque =

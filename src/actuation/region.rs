@@ -55,10 +55,7 @@ pub fn classify(
     if velocity.norm() == 0.0 || desired.norm() == 0.0 || !desired.iter().all(|f| f.is_finite()) {
         return None;
     }
-    let not_displayable = Classification {
-        region: Region::NotDisplayable,
-        gamma_rad: None,
-    };
+    let not_displayable = Classification { region: Region::NotDisplayable, gamma_rad: None };
     if capability.is_passive() && desired.dot(velocity) > 0.0 {
         return Some(not_displayable);
     }
@@ -69,14 +66,10 @@ pub fn classify(
     };
     Some(match gamma_rad {
         None => not_displayable,
-        Some(gamma) if gamma <= SAME_RAD => Classification {
-            region: Region::Full,
-            gamma_rad: Some(0.0),
-        },
-        gamma_rad => Classification {
-            region: Region::Approximate,
-            gamma_rad,
-        },
+        Some(gamma) if gamma <= SAME_RAD => {
+            Classification { region: Region::Full, gamma_rad: Some(0.0) }
+        }
+        gamma_rad => Classification { region: Region::Approximate, gamma_rad },
     })
 }
 
@@ -128,15 +121,9 @@ impl Bracket {
                 let cross = desired.x * y - desired.y * x;
                 let left_rad = turn(cross.atan2(desired.x * x + desired.y * y));
                 let right_rad = turn(-left_rad);
-                let near = |angle_rad| Neighbour {
-                    actuator,
-                    sign,
-                    angle_rad,
-                };
-                let known = bracket.get_or_insert(Self {
-                    left: near(left_rad),
-                    right: near(right_rad),
-                });
+                let near = |angle_rad| Neighbour { actuator, sign, angle_rad };
+                let known =
+                    bracket.get_or_insert(Self { left: near(left_rad), right: near(right_rad) });
                 if left_rad < known.left.angle_rad {
                     known.left = near(left_rad);
                 }
@@ -156,48 +143,30 @@ impl Bracket {
 
     /// The nearer of the two.
     pub fn nearest(&self) -> Neighbour {
-        if self.left.angle_rad <= self.right.angle_rad {
-            self.left
-        } else {
-            self.right
-        }
+        if self.left.angle_rad <= self.right.angle_rad { self.left } else { self.right }
     }
 
     /// The papers' gamma: zero inside, else the angle to the nearer neighbour.
     pub fn gamma_rad(&self) -> f64 {
-        if self.encloses() {
-            0.0
-        } else {
-            self.nearest().angle_rad
-        }
+        if self.encloses() { 0.0 } else { self.nearest().angle_rad }
     }
 }
 
 /// An angle in [0, 2 pi).
 fn turn(angle_rad: f64) -> f64 {
     let turned = angle_rad.rem_euclid(std::f64::consts::TAU);
-    if turned >= std::f64::consts::TAU - SAME_RAD {
-        0.0
-    } else {
-        turned
-    }
+    if turned >= std::f64::consts::TAU - SAME_RAD { 0.0 } else { turned }
 }
 
 /// With three freedoms: the nearest direction of the cone, by least squares without limits.
 fn nearest_direction_rad(capability: &Capability, desired: &PlaneVector) -> Option<f64> {
     const UNLIMITED: f64 = 1e9;
     let open = |bound: f64| {
-        if bound == 0.0 {
-            0.0
-        } else {
-            bound.signum() * UNLIMITED
-        }
+        if bound == 0.0 { 0.0 } else { bound.signum() * UNLIMITED }
     };
     let Bounds { lower_Nm, upper_Nm } = capability.bounds;
     let mut matrix = capability.reference;
-    matrix
-        .row_mut(2)
-        .scale_mut(1.0 / capability.moment_length_m);
+    matrix.row_mut(2).scale_mut(1.0 / capability.moment_length_m);
     let mut direction = *desired;
     direction.z /= capability.moment_length_m;
     direction /= direction.norm();
@@ -229,33 +198,18 @@ mod tests {
         let kinds = [ActuatorKind::Brake; MAX_ACTUATORS];
         let motion = [ShaftMotion::Backward; MAX_ACTUATORS];
         let bounds = Bounds::given(&kinds, &ActuatorVector::repeat(1.0), &motion);
-        Capability {
-            reference,
-            freedoms: 2,
-            actuators: 2,
-            kinds,
-            bounds,
-            moment_length_m: 1.0,
-        }
+        Capability { reference, freedoms: 2, actuators: 2, kinds, bounds, moment_length_m: 1.0 }
     }
 
     fn region_of(x: f64, y: f64) -> Option<Classification> {
-        classify(
-            &corner(),
-            &PlaneVector::new(x, y, 0.0),
-            &PlaneVector::new(-0.1, -0.1, 0.0),
-        )
+        classify(&corner(), &PlaneVector::new(x, y, 0.0), &PlaneVector::new(-0.1, -0.1, 0.0))
     }
 
     #[test]
     fn directions_between_the_rays_are_full_whatever_their_size() {
         for (x, y) in [(1.0, 1.0), (1e6, 1e-3), (1.0, 0.0), (0.0, 3.0)] {
             let found = region_of(x, y).unwrap();
-            assert_eq!(
-                (found.region, found.gamma_rad),
-                (Region::Full, Some(0.0)),
-                "{x} {y}"
-            );
+            assert_eq!((found.region, found.gamma_rad), (Region::Full, Some(0.0)), "{x} {y}");
         }
     }
 
@@ -269,10 +223,7 @@ mod tests {
     #[test]
     fn along_the_motion_it_is_not_displayable() {
         let found = region_of(-1.0, -0.5).unwrap();
-        assert_eq!(
-            (found.region, found.gamma_rad),
-            (Region::NotDisplayable, None)
-        );
+        assert_eq!((found.region, found.gamma_rad), (Region::NotDisplayable, None));
     }
 
     #[test]

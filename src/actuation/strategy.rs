@@ -29,12 +29,8 @@ pub enum Strategy {
 
 impl Strategy {
     /// Every strategy, for tables and help.
-    pub const ALL: [Self; 4] = [
-        Self::Auto,
-        Self::Optimal,
-        Self::NearestReference,
-        Self::PredictedVelocity,
-    ];
+    pub const ALL: [Self; 4] =
+        [Self::Auto, Self::Optimal, Self::NearestReference, Self::PredictedVelocity];
 
     /// The name in files and on the command line.
     pub fn name(self) -> &'static str {
@@ -62,9 +58,7 @@ impl FromStr for Strategy {
     type Err = StrategyError;
 
     fn from_str(name: &str) -> Result<Self, Self::Err> {
-        let found = Self::ALL
-            .into_iter()
-            .find(|strategy| strategy.name() == name);
+        let found = Self::ALL.into_iter().find(|strategy| strategy.name() == name);
         found.ok_or_else(|| StrategyError(name.to_owned()))
     }
 }
@@ -90,9 +84,7 @@ pub fn allocate(
     soft: &PlaneVector,
     walls: &[WallDemand],
 ) -> Outcome {
-    let total = walls
-        .iter()
-        .fold(*soft, |sum, wall| sum + wall.normal * wall.force_N);
+    let total = walls.iter().fold(*soft, |sum, wall| sum + wall.normal * wall.force_N);
     let law = match strategy {
         Strategy::Auto if walls.iter().any(|wall| wall.force_N > 0.0) => {
             Strategy::PredictedVelocity
@@ -111,12 +103,7 @@ pub fn allocate(
         Strategy::Auto | Strategy::Optimal => optimal(capability, &total),
     };
     let region = classify(capability, &total, &handle.velocity).map(|found| found.region);
-    Outcome {
-        torque_Nm: allocation.torque_Nm,
-        wrench: allocation.wrench,
-        law,
-        region,
-    }
+    Outcome { torque_Nm: allocation.torque_Nm, wrench: allocation.wrench, law, region }
 }
 
 /// The walls' torques as they are, and the rest of the request from what is left: brakes
@@ -168,20 +155,11 @@ mod tests {
         }
         let motion = [ShaftMotion::Rest; MAX_ACTUATORS];
         let bounds = Bounds::given(&kinds, &ActuatorVector::repeat(20.0), &motion);
-        Capability {
-            reference,
-            freedoms: 2,
-            actuators: 3,
-            kinds,
-            bounds,
-            moment_length_m: 1.0,
-        }
+        Capability { reference, freedoms: 2, actuators: 3, kinds, bounds, moment_length_m: 1.0 }
     }
 
-    const WALL: [WallDemand; 1] = [WallDemand {
-        normal: PlaneVector::new(-1.0, 0.0, 0.0),
-        force_N: 30.0,
-    }];
+    const WALL: [WallDemand; 1] =
+        [WallDemand { normal: PlaneVector::new(-1.0, 0.0, 0.0), force_N: 30.0 }];
 
     #[test]
     fn names_are_read_as_they_are_written() {
@@ -198,33 +176,15 @@ mod tests {
         let soft = PlaneVector::new(0.0, 1.0, 0.0);
         let air = allocate(Strategy::Auto, &device, &handle(), &soft, &[]);
         assert_eq!(air.law, Strategy::Optimal);
-        let wall = allocate(
-            Strategy::Auto,
-            &device,
-            &handle(),
-            &PlaneVector::zeros(),
-            &WALL,
-        );
+        let wall = allocate(Strategy::Auto, &device, &handle(), &PlaneVector::zeros(), &WALL);
         assert_eq!(wall.law, Strategy::PredictedVelocity);
-        assert_eq!(
-            wall.torque_Nm
-                .iter()
-                .filter(|torque| **torque != 0.0)
-                .count(),
-            1
-        );
+        assert_eq!(wall.torque_Nm.iter().filter(|torque| **torque != 0.0).count(), 1);
     }
 
     #[test]
     fn a_soft_force_beside_a_wall_leaves_the_walls_brake_alone() {
         let device = device([ActuatorKind::Brake; MAX_ACTUATORS]);
-        let alone = allocate(
-            Strategy::Auto,
-            &device,
-            &handle(),
-            &PlaneVector::zeros(),
-            &WALL,
-        );
+        let alone = allocate(Strategy::Auto, &device, &handle(), &PlaneVector::zeros(), &WALL);
         let soft = PlaneVector::new(0.0, 2.0, 0.0);
         let both = allocate(Strategy::Auto, &device, &handle(), &soft, &WALL);
         let wall_brake = alone.torque_Nm.iamax();
@@ -235,13 +195,7 @@ mod tests {
     #[test]
     fn motors_give_a_wall_what_it_asks() {
         let device = device([ActuatorKind::Motor; MAX_ACTUATORS]);
-        let wall = allocate(
-            Strategy::Auto,
-            &device,
-            &handle(),
-            &PlaneVector::zeros(),
-            &WALL,
-        );
+        let wall = allocate(Strategy::Auto, &device, &handle(), &PlaneVector::zeros(), &WALL);
         assert!((wall.wrench - PlaneVector::new(-30.0, 0.0, 0.0)).norm() < 1e-9);
     }
 }

@@ -40,9 +40,7 @@ impl StuckDetector {
         self.since_held_s = if held {
             Some(0.0)
         } else {
-            self.since_held_s
-                .map(|s| s + tick_s)
-                .filter(|s| *s <= HELD_S)
+            self.since_held_s.map(|s| s + tick_s).filter(|s| *s <= HELD_S)
         };
         let pushes = hand_force.is_none_or(|force| free_part(force, walls).xy().norm() > PUSH_N);
         let rests = velocity.xy().norm() < REST_M_PER_S;
@@ -54,27 +52,21 @@ impl StuckDetector {
 
 /// The hand's force without what presses into the walls.
 fn free_part(force: &PlaneVector, walls: &[WallDemand]) -> PlaneVector {
-    walls.iter().fold(*force, |left, wall| {
-        left - wall.normal * left.dot(&wall.normal).min(0.0)
-    })
+    walls.iter().fold(*force, |left, wall| left - wall.normal * left.dot(&wall.normal).min(0.0))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const WALL: [WallDemand; 1] = [WallDemand {
-        normal: PlaneVector::new(-1.0, 0.0, 0.0),
-        force_N: 30.0,
-    }];
+    const WALL: [WallDemand; 1] =
+        [WallDemand { normal: PlaneVector::new(-1.0, 0.0, 0.0), force_N: 30.0 }];
 
     fn after(ticks: usize, hand: Option<[f64; 2]>, speed: f64, held: bool) -> bool {
         let mut detector = StuckDetector::default();
         let hand = hand.map(|f| PlaneVector::new(f[0], f[1], 0.0));
         let velocity = PlaneVector::new(0.0, speed, 0.0);
-        (0..ticks).fold(false, |_, _| {
-            detector.update(&velocity, hand.as_ref(), &WALL, held, 1e-3)
-        })
+        (0..ticks).fold(false, |_, _| detector.update(&velocity, hand.as_ref(), &WALL, held, 1e-3))
     }
 
     #[test]

@@ -25,7 +25,10 @@ impl ControlState {
     pub fn apply(&mut self, command: ControlCommand, plan: &mut Box<Plan>) -> ControlReply {
         match command {
             ControlCommand::Mode(command) => ControlReply::Mode(self.command(command)),
-            ControlCommand::SwapPlan(next) => ControlReply::Retired(std::mem::replace(plan, next)),
+            ControlCommand::SwapPlan(next) => {
+                self.forget_slots_not_in(&next);
+                ControlReply::Retired(std::mem::replace(plan, next))
+            }
         }
     }
 }

@@ -45,9 +45,7 @@ impl Request {
 
     /// Sum of everything asked of the actuators.
     pub fn clipped_BH_N(&self) -> PlaneVector {
-        self.walls()
-            .iter()
-            .fold(self.soft_BH_N, |sum, wall| sum + wall.normal * wall.force_N)
+        self.walls().iter().fold(self.soft_BH_N, |sum, wall| sum + wall.normal * wall.force_N)
     }
 
     /// What `desired` asks, of which the controller's part is at most `controller_cap_N`.
@@ -58,10 +56,7 @@ impl Request {
         plan: &Plan,
         controller_cap_N: f64,
     ) -> Self {
-        let mut request = Self {
-            raw_W_N: desired.soft_W_N,
-            ..Self::default()
-        };
+        let mut request = Self { raw_W_N: desired.soft_W_N, ..Self::default() };
         request.limits.set(Limit::Constraints, desired.left_out > 0);
         let mut soft_W_N = desired.soft_W_N;
         for constraint in desired.constraints() {
@@ -85,11 +80,7 @@ impl Request {
         let raw_N = constraint.demand_N(&tool.v_WT_m_per_s);
         self.raw_W_N += raw_N * constraint.normal_W;
         let of_controller = constraint.source == Source::Controller;
-        let cap_N = if of_controller {
-            controller_cap_N
-        } else {
-            f64::INFINITY
-        };
+        let cap_N = if of_controller { controller_cap_N } else { f64::INFINITY };
         let limit_N = plan.guards.force_limit_N;
         self.limits.set(Limit::Force, raw_N.min(cap_N) > limit_N);
         let normal_N = raw_N.min(cap_N).min(limit_N);
@@ -113,13 +104,10 @@ impl Request {
     fn add_wall(&mut self, constraint: &Constraint, normal_N: f64, plan: &Plan) {
         let (normal, across) = plan.W_to_plane(&constraint.normal_W);
         let in_plane = normal.norm();
-        self.limits
-            .set(Limit::Freedom, across.abs() > LEAST_IN_PLANE);
+        self.limits.set(Limit::Freedom, across.abs() > LEAST_IN_PLANE);
         if in_plane > LEAST_IN_PLANE && normal_N > 0.0 {
-            self.walls[self.count] = WallDemand {
-                normal: normal / in_plane,
-                force_N: normal_N * in_plane,
-            };
+            self.walls[self.count] =
+                WallDemand { normal: normal / in_plane, force_N: normal_N * in_plane };
             self.count += 1;
         }
     }
@@ -133,9 +121,7 @@ impl Request {
             self.limits.set(Limit::Force, true);
             let share = limit_N / total_N;
             self.soft_BH_N *= share;
-            self.walls[..self.count]
-                .iter_mut()
-                .for_each(|wall| wall.force_N *= share);
+            self.walls[..self.count].iter_mut().for_each(|wall| wall.force_N *= share);
         }
     }
 }

@@ -59,18 +59,12 @@ pub struct Estimator {
 impl Estimator {
     /// The estimate from one more sample, or the fault that it reveals.
     pub fn update(&mut self, sample: &Sample, plan: &Plan, now_ns: u64) -> Result<Estimate, Fault> {
-        if sample
-            .F_hand_BH_N
-            .is_some_and(|force| !force.iter().all(|part| part.is_finite()))
-        {
+        if sample.F_hand_BH_N.is_some_and(|force| !force.iter().all(|part| part.is_finite())) {
             return Err(Fault::NotFinite);
         }
         self.remember(sample, now_ns);
         let actuators = plan.mechanism.actuators();
-        let rad_per_count = plan
-            .actuators
-            .counts_per_revolution
-            .map(|n| std::f64::consts::TAU / n);
+        let rad_per_count = plan.actuators.counts_per_revolution.map(|n| std::f64::consts::TAU / n);
         let mut shaft_rad = ActuatorVector::zeros();
         let mut shaft_rad_per_s = ActuatorVector::zeros();
         let mut motion = [ShaftMotion::Rest; MAX_ACTUATORS];
@@ -80,10 +74,7 @@ impl Estimator {
             shaft_rad_per_s[i] = counts_per_s * rad_per_count[i];
             motion[i] = direction;
         }
-        let posture = plan
-            .mechanism
-            .posture_from_shafts(&shaft_rad)
-            .map_err(fault_of)?;
+        let posture = plan.mechanism.posture_from_shafts(&shaft_rad).map_err(fault_of)?;
         self.watch_closure(&posture, plan)?;
         let correction = handle_from_shafts(&posture.reference, plan, &posture.closure_rad);
         Ok(Estimate {
@@ -145,11 +136,7 @@ impl Estimator {
     fn watch_closure(&mut self, posture: &Posture, plan: &Plan) -> Result<(), Fault> {
         let apart = posture.closure_rad.amax() > plan.guards.closure_limit_rad;
         self.closure_ticks = if apart { self.closure_ticks + 1 } else { 0 };
-        if self.closure_ticks >= CLOSURE_TICKS {
-            Err(Fault::Closure)
-        } else {
-            Ok(())
-        }
+        if self.closure_ticks >= CLOSURE_TICKS { Err(Fault::Closure) } else { Ok(()) }
     }
 }
 
@@ -197,15 +184,9 @@ mod tests {
             let mut estimator = Estimator::default();
             feed(&mut estimator, |t| (counts_per_s * t).floor() as i64, 40);
             let (rate, motion) = estimator.rate(0);
-            assert!(
-                (rate - counts_per_s).abs() <= 1.0 / 0.015 + 1e-9,
-                "{rate} for {counts_per_s}"
-            );
-            let expected = if counts_per_s > 0.0 {
-                ShaftMotion::Forward
-            } else {
-                ShaftMotion::Backward
-            };
+            assert!((rate - counts_per_s).abs() <= 1.0 / 0.015 + 1e-9, "{rate} for {counts_per_s}");
+            let expected =
+                if counts_per_s > 0.0 { ShaftMotion::Forward } else { ShaftMotion::Backward };
             if counts_per_s.abs() > 3.0 / 0.015 {
                 assert_eq!(motion, expected);
             }
@@ -225,11 +206,7 @@ mod tests {
         feed(
             &mut estimator,
             |t| {
-                if t < 0.030 {
-                    (4000.0 * t) as i64
-                } else {
-                    (240.0 - 4000.0 * t) as i64
-                }
+                if t < 0.030 { (4000.0 * t) as i64 } else { (240.0 - 4000.0 * t) as i64 }
             },
             34,
         );

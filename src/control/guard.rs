@@ -17,11 +17,7 @@ pub fn slewed(
     let most_N = plan.guards.slew_N_per_s * plan.tick_s();
     let limited = change.norm() > most_N;
     limits.set(Limit::Slew, limited);
-    if limited {
-        shrunk + change * (most_N / change.norm())
-    } else {
-        *wanted_BH_N
-    }
+    if limited { shrunk + change * (most_N / change.norm()) } else { *wanted_BH_N }
 }
 
 /// Torques as commands that this mode allows. A brake gets a capacity, which has no sign.
@@ -33,28 +29,24 @@ pub fn commands(
 ) -> ActuatorCommands {
     std::array::from_fn(|i| {
         let most_Nm = plan.actuators.max_torque_Nm[i];
-        let wanted_Nm = if torque_Nm[i].is_finite() {
-            torque_Nm[i]
-        } else {
-            0.0
-        };
+        let wanted_Nm = if torque_Nm[i].is_finite() { torque_Nm[i] } else { 0.0 };
         limits.set(
             Limit::Torque,
             mode == Mode::Enabled && most_Nm > 0.0 && wanted_Nm.abs() >= most_Nm,
         );
         match (plan.actuators.kinds[i], mode) {
-            (ActuatorKind::Brake, Mode::Enabled) => ActuatorCommand::Brake {
-                capacity_Nm: wanted_Nm.abs().min(most_Nm),
-            },
-            (ActuatorKind::Brake, Mode::Stopped) => ActuatorCommand::Brake {
-                capacity_Nm: plan.guards.stop_capacity_Nm.min(most_Nm),
-            },
+            (ActuatorKind::Brake, Mode::Enabled) => {
+                ActuatorCommand::Brake { capacity_Nm: wanted_Nm.abs().min(most_Nm) }
+            }
+            (ActuatorKind::Brake, Mode::Stopped) => {
+                ActuatorCommand::Brake { capacity_Nm: plan.guards.stop_capacity_Nm.min(most_Nm) }
+            }
             (ActuatorKind::Brake, Mode::Disabled | Mode::Fault) => {
                 ActuatorCommand::Brake { capacity_Nm: 0.0 }
             }
-            (ActuatorKind::Motor, Mode::Enabled) => ActuatorCommand::Motor {
-                torque_Nm: wanted_Nm.clamp(-most_Nm, most_Nm),
-            },
+            (ActuatorKind::Motor, Mode::Enabled) => {
+                ActuatorCommand::Motor { torque_Nm: wanted_Nm.clamp(-most_Nm, most_Nm) }
+            }
             (ActuatorKind::Motor, _) => ActuatorCommand::Motor { torque_Nm: 0.0 },
         }
     })

@@ -22,14 +22,8 @@ pub enum Limit {
 
 impl Limit {
     /// Every limit, in the order of its bit.
-    pub const ALL: [Self; 6] = [
-        Self::Torque,
-        Self::Force,
-        Self::Slew,
-        Self::Stale,
-        Self::Freedom,
-        Self::Constraints,
-    ];
+    pub const ALL: [Self; 6] =
+        [Self::Torque, Self::Force, Self::Slew, Self::Stale, Self::Freedom, Self::Constraints];
 
     /// The name used in metrics.
     pub fn name(self) -> &'static str {

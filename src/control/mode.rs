@@ -77,11 +77,7 @@ impl Mode {
 }
 
 fn refusal(mode: Mode, command: ModeCommand, hint: &'static str) -> ModeRefusal {
-    ModeRefusal {
-        command,
-        mode,
-        hint,
-    }
+    ModeRefusal { command, mode, hint }
 }
 
 /// Why the device latched itself. One way out: [`ModeCommand::ClearFault`].
@@ -151,11 +147,7 @@ mod tests {
             (Mode::Fault, ClearFault, Some(Mode::Disabled)),
         ];
         for (mode, command, expected) in table {
-            assert_eq!(
-                mode.after(command).ok(),
-                expected,
-                "{command:?} in {mode:?}"
-            );
+            assert_eq!(mode.after(command).ok(), expected, "{command:?} in {mode:?}");
         }
     }
 

@@ -20,10 +20,7 @@ pub struct Mount {
 
 impl Default for Mount {
     fn default() -> Self {
-        Self {
-            p_WB_m: Vector3::zeros(),
-            q_WB: UnitQuaternion::identity(),
-        }
+        Self { p_WB_m: Vector3::zeros(), q_WB: UnitQuaternion::identity() }
     }
 }
 

@@ -15,11 +15,7 @@ pub struct Sample {
 
 impl Default for Sample {
     fn default() -> Self {
-        Self {
-            counts: [0; MAX_ACTUATORS],
-            F_hand_BH_N: None,
-            buttons: 0,
-        }
+        Self { counts: [0; MAX_ACTUATORS], F_hand_BH_N: None, buttons: 0 }
     }
 }
 

@@ -46,10 +46,7 @@ impl Authority {
         }
         let ran_out = *self == Self::Fresh;
         if ran_out {
-            *self = Self::Fading {
-                since_ns: now_ns,
-                force_N,
-            };
+            *self = Self::Fading { since_ns: now_ns, force_N };
         }
         if matches!(*self, Self::Fading { since_ns, .. } if now_ns.saturating_sub(since_ns) >= ramp_ns)
         {
@@ -95,25 +92,16 @@ mod tests {
         let mut authority = Authority::default();
         assert!(!authority.advance(&command(0), 100 * MS, RAMP, 0.0));
         assert_eq!(authority.cap_N(100 * MS, RAMP), f64::INFINITY);
-        assert!(
-            authority.advance(&command(0), 101 * MS, RAMP, 10.0),
-            "it says so, once"
-        );
+        assert!(authority.advance(&command(0), 101 * MS, RAMP, 10.0), "it says so, once");
         assert!(!authority.advance(&command(0), 126 * MS, RAMP, 99.0));
         assert!((authority.cap_N(126 * MS, RAMP) - 5.0).abs() < 1e-9);
         authority.advance(&command(0), 151 * MS, RAMP, 99.0);
-        assert_eq!(
-            (authority, authority.cap_N(151 * MS, RAMP)),
-            (Authority::Gone, 0.0)
-        );
+        assert_eq!((authority, authority.cap_N(151 * MS, RAMP)), (Authority::Gone, 0.0));
     }
 
     #[test]
     fn a_newer_command_takes_over_from_a_fading_one() {
-        let mut authority = Authority::Fading {
-            since_ns: 0,
-            force_N: 10.0,
-        };
+        let mut authority = Authority::Fading { since_ns: 0, force_N: 10.0 };
         assert!(!authority.advance(&command(10 * MS), 11 * MS, RAMP, 3.0));
         assert_eq!(authority, Authority::Fresh);
     }

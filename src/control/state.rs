@@ -3,7 +3,7 @@
 use super::estimate::Estimator;
 use super::stale::Authority;
 use super::{ActuatorCommands, ContactResult, Event, Fault, Mode, ModeCommand, ModeRefusal};
-use super::{RELEASED, Report};
+use super::{Plan, RELEASED, Report};
 use crate::actuation::StuckDetector;
 use crate::environment::{Contact, MAX_CONSTRAINTS, MAX_CONTACTS, MAX_OBJECTS, SurfaceState};
 use crate::notation::PlaneVector;
@@ -23,6 +23,8 @@ pub struct ControlState {
     pub(super) was_stuck: bool,
     pub(super) scene: Box<[SurfaceState; MAX_OBJECTS]>,
     pub(super) contacts: ContactStates,
+    /// Epoch and number of the command last in force.
+    pub(super) command: (u64, u64),
     pub(super) controller_N: f64,
     pub(super) soft_BH_N: PlaneVector,
     pub(super) commands: ActuatorCommands,
@@ -46,6 +48,7 @@ impl ControlState {
             was_stuck: false,
             scene: Box::new([SurfaceState::default(); MAX_OBJECTS]),
             contacts: ContactStates::default(),
+            command: (0, 0),
             controller_N: 0.0,
             soft_BH_N: PlaneVector::zeros(),
             commands: RELEASED,
@@ -88,6 +91,19 @@ impl ControlState {
         self.enter(Mode::Fault);
     }
 
+    /// A slot that is free may next hold another object, which has no past.
+    pub(super) fn forget_slots_not_in(&mut self, plan: &Plan) {
+        let mut used = [false; MAX_OBJECTS];
+        for item in &plan.scene {
+            if let Some(used) = used.get_mut(usize::from(item.slot)) {
+                *used = true;
+            }
+        }
+        for (state, _) in self.scene.iter_mut().zip(used).filter(|(_, used)| !used) {
+            *state = SurfaceState::default();
+        }
+    }
+
     fn enter(&mut self, mode: Mode) {
         if self.mode != mode {
             self.mode = mode;
@@ -108,26 +124,26 @@ impl ControlState {
 
 /// Surface states of the controller's contacts, by contact id.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct ContactStates([Option<(u32, SurfaceState)>; MAX_CONTACTS]);
+pub struct ContactStates {
+    epoch: u64,
+    states: [Option<(u32, SurfaceState)>; MAX_CONTACTS],
+}
 
 impl ContactStates {
-    /// Keeps the states of these contacts, in their order, and forgets all others.
-    pub fn follow<'a>(&mut self, contacts: impl Iterator<Item = &'a Contact>) {
-        let before = self.0;
-        self.0 = [None; MAX_CONTACTS];
-        for (place, contact) in self.0.iter_mut().zip(contacts) {
+    /// Keeps the states of these contacts, in their order, and forgets all others. Another
+    /// controller's ids (another lease epoch) mean other surfaces.
+    pub fn follow<'a>(&mut self, epoch: u64, contacts: impl Iterator<Item = &'a Contact>) {
+        let before = if epoch == self.epoch { self.states } else { [None; MAX_CONTACTS] };
+        *self = Self { epoch, ..Self::default() };
+        for (place, contact) in self.states.iter_mut().zip(contacts) {
             let known = before.iter().flatten().find(|(id, _)| *id == contact.id);
-            *place = Some(
-                known
-                    .copied()
-                    .unwrap_or((contact.id, SurfaceState::default())),
-            );
+            *place = Some(known.copied().unwrap_or((contact.id, SurfaceState::default())));
         }
     }
 
     /// The states, in the order last followed.
     pub fn iter_mut(&mut self) -> impl Iterator<Item = &mut SurfaceState> {
-        self.0.iter_mut().flatten().map(|(_, state)| state)
+        self.states.iter_mut().flatten().map(|(_, state)| state)
     }
 }
 

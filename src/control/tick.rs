@@ -107,11 +107,7 @@ fn render(state: &mut ControlState, estimate: &Estimate, input: &TickInput) -> D
     limits.set(Limit::Stale, state.authority.is_fading());
 
     let rendering = state.mode == Mode::Enabled;
-    let last_soft_BH_N = if rendering {
-        state.soft_BH_N
-    } else {
-        PlaneVector::zeros()
-    };
+    let last_soft_BH_N = if rendering { state.soft_BH_N } else { PlaneVector::zeros() };
     let soft_BH_N = guard::slewed(&request.soft_BH_N, &last_soft_BH_N, plan, &mut limits);
     state.soft_BH_N = soft_BH_N;
     let handle = Handle {
@@ -120,18 +116,12 @@ fn render(state: &mut ControlState, estimate: &Estimate, input: &TickInput) -> D
         inertia: estimate.posture.inertia,
         tick_s: plan.tick_s(),
     };
-    let outcome = allocate(
-        plan.strategy,
-        &capability,
-        &handle,
-        &soft_BH_N,
-        request.walls(),
-    );
+    let outcome = allocate(plan.strategy, &capability, &handle, &soft_BH_N, request.walls());
     let commands = guard::commands(state.mode, &outcome.torque_Nm, plan, &mut limits);
 
     let stuck = watch_stuck(state, estimate, &request, &commands, plan);
     let mut report = sensed(state, estimate, &tool, input);
-    asked(&mut report, &request, &capability, plan, limits);
+    asked(&mut report, &request, &capability, limits);
     report.proxy_W_m = proxy_W_m(&desired, &tool);
     report.stuck = stuck;
     report.commanded_Nm = values_Nm(&commands);
@@ -163,10 +153,7 @@ fn desire(
     input: &TickInput,
 ) -> (Desired, Request) {
     let ramp_ns = input.plan.guards.stale_ramp_ns;
-    if state
-        .authority
-        .advance(input.setpoint, input.now_ns, ramp_ns, state.controller_N)
-    {
+    if state.authority.advance(input.setpoint, input.now_ns, ramp_ns, state.controller_N) {
         state.events.push(Event::Stale);
     }
     let cap_N = state.authority.cap_N(input.now_ns, ramp_ns);
@@ -177,9 +164,8 @@ fn desire(
         }
     }
     let live = cap_N > 0.0;
-    state
-        .contacts
-        .follow(input.setpoint.contacts().filter(|_| live));
+    let contacts = input.setpoint.contacts().filter(|_| live);
+    state.contacts.follow(input.setpoint.epoch, contacts);
     for (contact, surface) in input.setpoint.contacts().zip(state.contacts.iter_mut()) {
         desired.add_contact(contact, surface, tool);
     }
@@ -189,11 +175,7 @@ fn desire(
 }
 
 fn capability(estimate: &Estimate, plan: &Plan) -> Capability {
-    let Plan {
-        actuators,
-        mechanism,
-        ..
-    } = plan;
+    let Plan { actuators, mechanism, .. } = plan;
     Capability {
         reference: estimate.posture.reference,
         freedoms: mechanism.freedoms(),
@@ -220,11 +202,7 @@ fn watch_stuck(
         plan.tick_s(),
     );
     if stuck != state.was_stuck {
-        state.events.push(if stuck {
-            Event::StuckBegin
-        } else {
-            Event::StuckEnd
-        });
+        state.events.push(if stuck { Event::StuckBegin } else { Event::StuckEnd });
     }
     state.was_stuck = stuck;
     stuck
@@ -233,11 +211,7 @@ fn watch_stuck(
 /// The part of the report that tells what was sensed.
 fn sensed(state: &ControlState, estimate: &Estimate, tool: &Tool, input: &TickInput) -> Report {
     let plan = input.plan;
-    let turned = if plan.mechanism.freedoms() == 3 {
-        estimate.p_BH.z
-    } else {
-        0.0
-    };
+    let turned = if plan.mechanism.freedoms() == 3 { estimate.p_BH.z } else { 0.0 };
     Report {
         tick: state.tick,
         time_ns: input.now_ns,
@@ -264,17 +238,8 @@ fn wrench_W(wrench_BH: &PlaneVector, plan: &Plan) -> Wrench {
     }
 }
 
-fn asked(
-    report: &mut Report,
-    request: &Request,
-    capability: &Capability,
-    _plan: &Plan,
-    limits: Limits,
-) {
-    report.requested = Wrench {
-        force_N: request.raw_W_N,
-        ..Wrench::default()
-    };
+fn asked(report: &mut Report, request: &Request, capability: &Capability, limits: Limits) {
+    report.requested = Wrench { force_N: request.raw_W_N, ..Wrench::default() };
     report.contacts = request.contacts;
     report.contact_count = request.contact_count;
     report.limits = limits;
@@ -323,13 +288,14 @@ fn slipping_torque_Nm(
     Some(torque_Nm)
 }
 
-fn account_for_command(state: &ControlState, report: &mut Report, input: &TickInput) {
+fn account_for_command(state: &mut ControlState, report: &mut Report, input: &TickInput) {
     let setpoint = input.setpoint;
     if !setpoint.is_fresh(input.now_ns) {
         return;
     }
     report.command_seq = setpoint.seq;
-    report.command_new = setpoint.seq != state.last.command_seq;
+    let command = (setpoint.epoch, setpoint.seq);
+    report.command_new = command != std::mem::replace(&mut state.command, command);
     report.command_lag_ticks = state.tick.saturating_sub(setpoint.state_tick);
     report.command_age_ns = state.since_tick_ns(setpoint.state_tick, input.now_ns);
 }
@@ -339,24 +305,11 @@ fn log_contacts(state: &mut ControlState, report: &Report) {
     let before = &before[..count];
     let same =
         |a: &super::ContactResult, b: &super::ContactResult| a.source == b.source && a.id == b.id;
-    for gone in before
-        .iter()
-        .filter(|old| !report.contacts().iter().any(|new| same(old, new)))
-    {
-        state.events.push(Event::ContactEnd {
-            source: gone.source,
-            id: gone.id,
-        });
+    for gone in before.iter().filter(|old| !report.contacts().iter().any(|new| same(old, new))) {
+        state.events.push(Event::ContactEnd { source: gone.source, id: gone.id });
     }
-    for new in report
-        .contacts()
-        .iter()
-        .filter(|new| !before.iter().any(|old| same(old, new)))
-    {
-        state.events.push(Event::ContactBegin {
-            source: new.source,
-            id: new.id,
-        });
+    for new in report.contacts().iter().filter(|new| !before.iter().any(|old| same(old, new))) {
+        state.events.push(Event::ContactBegin { source: new.source, id: new.id });
     }
     state.touched = (report.contacts, report.contact_count);
 }

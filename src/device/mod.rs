@@ -3,6 +3,24 @@
 //! A [`Device`] is owned by the real-time thread and called once per tick each way; neither
 //! call may allocate, lock, log or block beyond the device's own deadline. Devices depend
 //! on the types of `control`, never the reverse, so the law cannot tell one from another.
+//!
+//! ```text
+//! SimulatedDevice = Hand ─▶ Plant ─▶ Sensors        FaultInjector<D> wraps any of them
+//! ```
+
+mod fault_injector;
+mod hand;
+mod plant;
+mod sensors;
+mod simulated;
+
+pub use fault_injector::{Episode, FaultInjector, Injection, episodes};
+pub use hand::{
+    CircleProgram, Grip, HandAction, HandProgram, RandomProgram, SlideProgram, UnknownHandProgram,
+};
+pub use plant::Energy;
+pub use sensors::ForceSensor;
+pub use simulated::{LONGEST_GAP_NS, SimulatedDevice, SimulationParameters, Truth};
 
 use crate::control::{ActuatorCommands, DeviceError, Sample};
 

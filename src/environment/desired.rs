@@ -101,14 +101,7 @@ impl Desired {
     /// Adds what one of the controller's contacts wants.
     pub fn add_contact(&mut self, contact: &Contact, state: &mut SurfaceState, tool: &Tool) {
         let revision = contact.revision.into();
-        self.add_surface(
-            &contact.surface,
-            state,
-            revision,
-            Source::Controller,
-            contact.id,
-            tool,
-        );
+        self.add_surface(&contact.surface, state, revision, Source::Controller, contact.id, tool);
     }
 
     fn add_surface(
@@ -139,10 +132,7 @@ impl Desired {
             return;
         }
         self.left_out += 1;
-        let shallowest = self
-            .constraints
-            .iter_mut()
-            .min_by(|a, b| a.depth_m.total_cmp(&b.depth_m));
+        let shallowest = self.constraints.iter_mut().min_by(|a, b| a.depth_m.total_cmp(&b.depth_m));
         if let Some(kept) = shallowest.filter(|kept| kept.depth_m < constraint.depth_m) {
             *kept = constraint;
         }
@@ -193,11 +183,7 @@ mod tests {
                 point_W_m: Vector3::new(x_m, 0.0, 0.0),
                 normal_W: -Vector3::x(),
             },
-            material: Material {
-                stiffness_N_per_m: 100.0,
-                damping_Ns_per_m: 10.0,
-                friction: 0.0,
-            },
+            material: Material { stiffness_N_per_m: 100.0, damping_Ns_per_m: 10.0, friction: 0.0 },
             hollow: false,
             blend_s: 0.0,
         })
@@ -208,22 +194,10 @@ mod tests {
         let mut desired = Desired::default();
         let mut state = SurfaceState::default();
         for element in [
-            Element::ConstantField {
-                force_W_N: Vector3::new(1.0, 0.0, 0.0),
-            },
-            Element::ViscousField {
-                damping_Ns_per_m: 10.0,
-            },
+            Element::ConstantField { force_W_N: Vector3::new(1.0, 0.0, 0.0) },
+            Element::ViscousField { damping_Ns_per_m: 10.0 },
         ] {
-            desired.add_item(
-                &SceneItem {
-                    slot: 0,
-                    revision: 1,
-                    element,
-                },
-                &mut state,
-                &tool(0.0),
-            );
+            desired.add_item(&SceneItem { slot: 0, revision: 1, element }, &mut state, &tool(0.0));
         }
         assert!((desired.soft_W_N - Vector3::new(0.0, -2.0, 0.0)).norm() < 1e-12);
         assert!(desired.constraints().is_empty());
@@ -234,11 +208,7 @@ mod tests {
         let constraint = Constraint {
             normal_W: -Vector3::x(),
             depth_m: 0.001,
-            material: Material {
-                stiffness_N_per_m: 100.0,
-                damping_Ns_per_m: 10.0,
-                friction: 0.0,
-            },
+            material: Material { stiffness_N_per_m: 100.0, damping_Ns_per_m: 10.0, friction: 0.0 },
             ..Constraint::default()
         };
         assert!((constraint.demand_N(&Vector3::new(0.1, 0.0, 0.0)) - 1.1).abs() < 1e-12);
@@ -253,18 +223,11 @@ mod tests {
             desired = Desired::default();
             for (slot, state) in states.iter_mut().enumerate() {
                 let element = wall(0.1 + 0.01 * slot as f64);
-                let item = SceneItem {
-                    slot: slot as u16,
-                    revision: 1,
-                    element,
-                };
+                let item = SceneItem { slot: slot as u16, revision: 1, element };
                 desired.add_item(&item, state, &tool(x_m));
             }
         }
-        assert_eq!(
-            (desired.constraints().len(), desired.left_out),
-            (MAX_CONSTRAINTS, 2)
-        );
+        assert_eq!((desired.constraints().len(), desired.left_out), (MAX_CONSTRAINTS, 2));
         assert!(desired.constraints().iter().all(|kept| kept.id < 4));
     }
 }

@@ -44,22 +44,14 @@ impl Shape {
     /// Signed distance of a point (positive outside) and the outward unit normal there.
     fn distance(&self, p_W_m: &Vector3<f64>) -> (f64, Vector3<f64>) {
         match self {
-            Self::HalfSpace {
-                point_W_m,
-                normal_W,
-            } => ((p_W_m - point_W_m).dot(normal_W), *normal_W),
-            Self::Sphere {
-                centre_W_m,
-                radius_m,
-            } => {
+            Self::HalfSpace { point_W_m, normal_W } => {
+                ((p_W_m - point_W_m).dot(normal_W), *normal_W)
+            }
+            Self::Sphere { centre_W_m, radius_m } => {
                 let away = p_W_m - centre_W_m;
                 let range = away.norm();
                 // At the very centre every direction leads out; pick one.
-                let normal_W = if range > 1e-12 {
-                    away / range
-                } else {
-                    Vector3::x()
-                };
+                let normal_W = if range > 1e-12 { away / range } else { Vector3::x() };
                 (range - radius_m, normal_W)
             }
         }
@@ -133,10 +125,7 @@ impl Surface {
         state.relax(depth_m, tick_s);
         let felt_m = depth_m - state.offset_m;
         let normal_W = state.side * outward_W;
-        (felt_m > 0.0).then_some(Touch {
-            normal_W,
-            depth_m: felt_m,
-        })
+        (felt_m > 0.0).then_some(Touch { normal_W, depth_m: felt_m })
     }
 }
 
@@ -174,25 +163,15 @@ mod tests {
                 point_W_m: Vector3::new(x_m, 0.0, 0.0),
                 normal_W: -Vector3::x(),
             },
-            material: Material {
-                stiffness_N_per_m: 1e7,
-                ..Material::default()
-            },
+            material: Material { stiffness_N_per_m: 1e7, ..Material::default() },
             hollow: false,
             blend_s: 0.0,
         }
     }
 
     fn shell(hollow: bool) -> Surface {
-        let shape = Shape::Sphere {
-            centre_W_m: Vector3::zeros(),
-            radius_m: 0.1,
-        };
-        Surface {
-            shape,
-            hollow,
-            ..wall(0.0)
-        }
+        let shape = Shape::Sphere { centre_W_m: Vector3::zeros(), radius_m: 0.1 };
+        Surface { shape, hollow, ..wall(0.0) }
     }
 
     fn at(surface: &Surface, state: &mut SurfaceState, revision: u64, x_m: f64) -> f64 {
@@ -219,15 +198,9 @@ mod tests {
     fn a_new_wall_around_the_tool_lets_it_out_but_not_deeper() {
         let mut state = SurfaceState::default();
         assert_eq!(at(&wall(0.3), &mut state, 1, 0.35), 0.0, "no step of force");
-        assert!(
-            (at(&wall(0.3), &mut state, 1, 0.36) - 0.01).abs() < 1e-12,
-            "not deeper"
-        );
+        assert!((at(&wall(0.3), &mut state, 1, 0.36) - 0.01).abs() < 1e-12, "not deeper");
         assert_eq!(at(&wall(0.3), &mut state, 1, 0.31), 0.0);
-        assert!(
-            (at(&wall(0.3), &mut state, 1, 0.35) - 0.04).abs() < 1e-12,
-            "it followed out"
-        );
+        assert!((at(&wall(0.3), &mut state, 1, 0.35) - 0.04).abs() < 1e-12, "it followed out");
     }
 
     #[test]
@@ -246,28 +219,19 @@ mod tests {
         for tick in 1..=200 {
             let (wall_m, tool_m) = (0.3 - 1e-6 * tick as f64, 0.3 + 5e-6 * tick as f64);
             let depth_m = at(&wall(wall_m), &mut state, tick, tool_m);
-            assert!(
-                (depth_m - (tool_m - 0.3)).abs() < 3e-6,
-                "{depth_m} at tick {tick}"
-            );
+            assert!((depth_m - (tool_m - 0.3)).abs() < 3e-6, "{depth_m} at tick {tick}");
         }
     }
 
     #[test]
     fn a_blend_time_brings_the_true_surface_back() {
         let mut state = SurfaceState::default();
-        let blended = |x_m| Surface {
-            blend_s: 0.010,
-            ..wall(x_m)
-        };
+        let blended = |x_m| Surface { blend_s: 0.010, ..wall(x_m) };
         assert_eq!(at(&blended(0.3), &mut state, 0, 0.2), 0.0);
         let mut last_m = 0.0;
         for _ in 0..12 {
             let depth_m = at(&blended(0.25), &mut state, 1, 0.26);
-            assert!(
-                depth_m >= last_m - 1e-15 && depth_m - last_m < 2.5e-3,
-                "{last_m} {depth_m}"
-            );
+            assert!(depth_m >= last_m - 1e-15 && depth_m - last_m < 2.5e-3, "{last_m} {depth_m}");
             last_m = depth_m;
         }
         assert!((last_m - 0.01).abs() < 1e-9);
@@ -289,9 +253,7 @@ mod tests {
     fn the_centre_of_a_sphere_has_a_normal() {
         let mut state = SurfaceState::default();
         at(&shell(false), &mut state, 1, 0.2);
-        let touch = shell(false)
-            .touch(&mut state, 1, &Vector3::zeros(), 0.0, TICK_S)
-            .unwrap();
+        let touch = shell(false).touch(&mut state, 1, &Vector3::zeros(), 0.0, TICK_S).unwrap();
         assert!((touch.normal_W.norm() - 1.0).abs() < 1e-12);
     }
 }

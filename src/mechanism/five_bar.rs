@@ -83,15 +83,7 @@ impl FiveBar {
     /// Checks the parameters. `inertia.links` are link 1 and link 2 (about the base), the body
     /// of links 3 and 5 (about E, its centre measured towards the handle), link 4 (about C).
     pub fn new(parameters: FiveBarParameters, inertia: Inertia<4>) -> Result<Self, ParameterError> {
-        let FiveBarParameters {
-            l_m,
-            k3,
-            k4,
-            lever,
-            tendons,
-            elbow,
-            branch,
-        } = parameters;
+        let FiveBarParameters { l_m, k3, k4, lever, tendons, elbow, branch } = parameters;
         for (i, &length_m) in l_m.iter().enumerate() {
             require_range(format!("l_m[{i}]"), length_m, &LENGTH_M, "m")?;
         }
@@ -137,11 +129,7 @@ impl FiveBar {
     pub fn assembly(&self, posture: &Posture) -> i32 {
         let phi3 = posture.p_BH.z;
         let [_, E_m, C_m, D_m] = self.joints([posture.shaft_rad[0], posture.shaft_rad[1], phi3]);
-        if cross(C_m - E_m, D_m - E_m) >= 0.0 {
-            1
-        } else {
-            -1
-        }
+        if cross(C_m - E_m, D_m - E_m) >= 0.0 { 1 } else { -1 }
     }
 
     /// The Jacobians of a posture of this device, for analysis: a tick needs only R, which
@@ -183,12 +171,7 @@ impl FiveBar {
         let at_C = lean(l4, l3, distance_m)?;
         let (line, reversed) = (bearing(EC_m), if self.lever > 0.0 { 0.0 } else { PI });
         Ok([1.0, -1.0].map(|side| {
-            [
-                phi1,
-                phi2,
-                wrap(line + side * at_E + reversed),
-                wrap(line + PI - side * at_C),
-            ]
+            [phi1, phi2, wrap(line + side * at_E + reversed), wrap(line + PI - side * at_C)]
         }))
     }
 
@@ -235,11 +218,7 @@ impl FiveBar {
         require_margin(&[cross(u[0], u[2]), cross(u[1], u[3]), cross(u[2], u[3])])?;
         let w = self.link_rates(u);
         let reference = self.reference(w);
-        let link = |joint, i: usize| LinkMotion {
-            joint,
-            along: u[i],
-            rate_per_m: w[i],
-        };
+        let link = |joint, i: usize| LinkMotion { joint, along: u[i], rate_per_m: w[i] };
         let motions = [
             link(Matrix2::zeros(), 0),
             link(Matrix2::zeros(), 1),
@@ -288,10 +267,7 @@ impl Mechanism for FiveBar {
             (minus, closure_minus)
         };
         let mut posture = self.posture(phi)?;
-        posture
-            .closure_rad
-            .fixed_rows_mut::<2>(2)
-            .copy_from(&closure);
+        posture.closure_rad.fixed_rows_mut::<2>(2).copy_from(&closure);
         posture.shaft_rad.fixed_rows_mut::<4>(0).copy_from(&given);
         posture.shaft_rad -= posture.closure_rad;
         Ok(posture)
@@ -313,11 +289,8 @@ impl Mechanism for FiveBar {
             let cosine = (OD_m * OD_m - l1 * l1 - l3 * l3) / (2.0 * l1 * l3);
             self.lever * cosine.clamp(-1.0, 1.0)
         };
-        let handle_m = |OD_m: f64| {
-            (l1 * l1 + l5 * l5 + 2.0 * l1 * l5 * cosine_at(OD_m))
-                .max(0.0)
-                .sqrt()
-        };
+        let handle_m =
+            |OD_m: f64| (l1 * l1 + l5 * l5 + 2.0 * l1 * l5 * cosine_at(OD_m)).max(0.0).sqrt();
         let (a_m, b_m) = (handle_m((l2 - l4).abs()), handle_m(l2 + l4));
         (a_m.min(b_m), a_m.max(b_m))
     }

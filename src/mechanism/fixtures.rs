@@ -14,15 +14,7 @@ pub(crate) const CHO: [FiveBarParameters; 3] = [
 ];
 
 const fn cho(l_m: [f64; 5], [k3, k4]: [f64; 2], tendons: i32) -> FiveBarParameters {
-    FiveBarParameters {
-        l_m,
-        k3,
-        k4,
-        lever: -1,
-        tendons,
-        elbow: 1,
-        branch: 1,
-    }
+    FiveBarParameters { l_m, k3, k4, lever: -1, tendons, elbow: 1, branch: 1 }
 }
 
 /// A random design in a random working mode, and a handle position somewhere inside its

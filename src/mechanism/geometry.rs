@@ -84,16 +84,11 @@ pub(super) fn usable_angles<const N: usize>(
 
 /// Refuses sines of angles between links that are too near zero.
 pub(super) fn require_margin(sines: &[f64]) -> Result<(), KinematicsError> {
-    let margin = sines
-        .iter()
-        .fold(1.0_f64, |least, sine| least.min(sine.abs()));
+    let margin = sines.iter().fold(1.0_f64, |least, sine| least.min(sine.abs()));
     if margin >= LEAST_MARGIN {
         Ok(())
     } else {
-        Err(KinematicsError::Singular {
-            margin,
-            least: LEAST_MARGIN,
-        })
+        Err(KinematicsError::Singular { margin, least: LEAST_MARGIN })
     }
 }
 
@@ -106,17 +101,10 @@ pub(super) fn lean(near_m: f64, far_m: f64, base_m: f64) -> Result<f64, Kinemati
     }
     if doubled_cosine.is_nan() {
         // Equal links folded onto each other span nothing, whatever way they point.
-        return Err(KinematicsError::Singular {
-            margin: 0.0,
-            least: LEAST_MARGIN,
-        });
+        return Err(KinematicsError::Singular { margin: 0.0, least: LEAST_MARGIN });
     }
     let (min_m, max_m) = ((near_m - far_m).abs(), near_m + far_m);
-    Err(KinematicsError::Unreachable {
-        needed_m: base_m,
-        min_m,
-        max_m,
-    })
+    Err(KinematicsError::Unreachable { needed_m: base_m, min_m, max_m })
 }
 
 /// Absolute angles of two links in series from the origin to `end_m`, in (-pi, pi]: the
@@ -138,10 +126,7 @@ pub(super) fn arm_angles(
 /// `v = l1 n1 phi1' + l2 n2 phi2'`; the product with u2 removes phi2', that with u1 phi1'.
 pub(super) fn arm_rates(lengths_m: [f64; 2], along: [Vector2<f64>; 2]) -> [Vector2<f64>; 2] {
     let sine = cross(along[0], along[1]);
-    [
-        along[1] / (lengths_m[0] * sine),
-        -along[0] / (lengths_m[1] * sine),
-    ]
+    [along[1] / (lengths_m[0] * sine), -along[0] / (lengths_m[1] * sine)]
 }
 
 /// Velocity of a link's far end relative to its near end, per unit velocity of the handle.
@@ -156,13 +141,9 @@ mod tests {
 
     #[test]
     fn wrapped_angles_lie_within_half_a_turn() {
-        for (angle_rad, expected) in [
-            (PI, PI),
-            (-PI, PI),
-            (3.0 * PI, PI),
-            (TAU + 1.0, 1.0),
-            (-TAU - 1.0, -1.0),
-        ] {
+        for (angle_rad, expected) in
+            [(PI, PI), (-PI, PI), (3.0 * PI, PI), (TAU + 1.0, 1.0), (-TAU - 1.0, -1.0)]
+        {
             assert!((wrap(angle_rad) - expected).abs() < 1e-14, "{angle_rad}");
         }
     }
@@ -172,20 +153,10 @@ mod tests {
         assert_eq!(lean(0.3, 0.3, 0.6 * (1.0 + 0.9e-9)), Ok(0.0));
         assert_eq!(
             lean(0.3, 0.2, 0.6),
-            Err(KinematicsError::Unreachable {
-                needed_m: 0.6,
-                min_m: 0.3 - 0.2,
-                max_m: 0.5
-            })
+            Err(KinematicsError::Unreachable { needed_m: 0.6, min_m: 0.3 - 0.2, max_m: 0.5 })
         );
-        assert!(matches!(
-            lean(0.3, 0.3, 0.0),
-            Err(KinematicsError::Singular { .. })
-        ));
-        assert!(matches!(
-            lean(0.3, 0.2, 0.0),
-            Err(KinematicsError::Unreachable { .. })
-        ));
+        assert!(matches!(lean(0.3, 0.3, 0.0), Err(KinematicsError::Singular { .. })));
+        assert!(matches!(lean(0.3, 0.2, 0.0), Err(KinematicsError::Unreachable { .. })));
     }
 
     proptest! {

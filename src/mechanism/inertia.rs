@@ -72,12 +72,7 @@ impl<const N: usize> Inertia<N> {
             let field = |name| format!("links[{i}].{name}");
             require_range(field("mass_kg"), link.mass_kg, &(0.0..=100.0), "kg")?;
             require_range(field("centre_m"), link.centre_m, &(-10.0..=10.0), "m")?;
-            require_range(
-                field("inertia_kg_m2"),
-                link.inertia_kg_m2,
-                &(0.0..=100.0),
-                "kg m^2",
-            )?;
+            require_range(field("inertia_kg_m2"), link.inertia_kg_m2, &(0.0..=100.0), "kg m^2")?;
         }
         for (i, &inertia_kg_m2) in self.shaft_inertia_kg_m2.iter().enumerate() {
             let field = format!("shaft_inertia_kg_m2[{i}]");
@@ -88,13 +83,8 @@ impl<const N: usize> Inertia<N> {
 
     /// True where anything but the handle has inertia.
     pub(super) fn varies(&self) -> bool {
-        self.links
-            .iter()
-            .any(|link| link.mass_kg > 0.0 || link.inertia_kg_m2 > 0.0)
-            || self
-                .shaft_inertia_kg_m2
-                .iter()
-                .any(|&inertia| inertia > 0.0)
+        self.links.iter().any(|link| link.mass_kg > 0.0 || link.inertia_kg_m2 > 0.0)
+            || self.shaft_inertia_kg_m2.iter().any(|&inertia| inertia > 0.0)
     }
 
     /// M of a posture, in the upper-left 2x2.
@@ -136,11 +126,7 @@ mod tests {
         for i in 0..shafts {
             shaft_inertia_kg_m2[i] = 1e-5 * (2.0 + i as f64);
         }
-        Inertia {
-            handle_mass_kg: 0.3,
-            links: std::array::from_fn(link),
-            shaft_inertia_kg_m2,
-        }
+        Inertia { handle_mass_kg: 0.3, links: std::array::from_fn(link), shaft_inertia_kg_m2 }
     }
 
     /// Kinetic energy of a motion through `p_m` at `v_m_s`, from where the drawn segments
@@ -152,9 +138,7 @@ mod tests {
         (p_m, v_m_s): (PlaneVector, PlaneVector),
     ) -> f64 {
         let snapshot = |t_s: f64| {
-            let posture = device
-                .posture_at(&(p_m + t_s * v_m_s))
-                .expect("a regular posture");
+            let posture = device.posture_at(&(p_m + t_s * v_m_s)).expect("a regular posture");
             let mut outline = Default::default();
             device.outline(&posture, &mut outline);
             (posture.shaft_rad, outline)
@@ -181,22 +165,14 @@ mod tests {
     }
 
     fn agrees<const N: usize>(device: &dyn Mechanism, inertia: &Inertia<N>, links: [usize; N]) {
-        for (x, y, v_x, v_y) in [
-            (0.1, 0.3, 0.2, -0.1),
-            (0.3, 0.25, -0.4, 0.3),
-            (0.25, -0.2, 0.0, 0.5),
-        ] {
+        for (x, y, v_x, v_y) in
+            [(0.1, 0.3, 0.2, -0.1), (0.3, 0.25, -0.4, 0.3), (0.25, -0.2, 0.0, 0.5)]
+        {
             let motion = (PlaneVector::new(x, y, 0.0), PlaneVector::new(v_x, v_y, 0.0));
-            let M = device
-                .posture_at(&motion.0)
-                .expect("a regular posture")
-                .inertia;
+            let M = device.posture_at(&motion.0).expect("a regular posture").inertia;
             let of_matrix = 0.5 * (motion.1.transpose() * M * motion.1)[0];
             let of_motion = energy_J(device, inertia, links, motion);
-            assert!(
-                (of_matrix / of_motion - 1.0).abs() < 1e-6,
-                "{of_matrix} {of_motion}"
-            );
+            assert!((of_matrix / of_motion - 1.0).abs() < 1e-6, "{of_matrix} {of_motion}");
             assert_eq!((M.row(2).norm(), M.column(2).norm()), (0.0, 0.0));
         }
     }
@@ -209,11 +185,7 @@ mod tests {
             assert!(device.inertia_varies());
             agrees(&device, &four, [0, 3, 1, 4]);
         }
-        let arm = TwoLinkParameters {
-            l1_m: 0.3,
-            l2_m: 0.25,
-            elbow: -1,
-        };
+        let arm = TwoLinkParameters { l1_m: 0.3, l2_m: 0.25, elbow: -1 };
         let device = TwoLink::new(arm, two).expect("valid parameters");
         agrees(&device, &two, [0, 1]);
     }
@@ -221,14 +193,9 @@ mod tests {
     #[test]
     fn by_default_the_hand_feels_half_a_kilogram_everywhere() {
         let device = FiveBar::new(fixtures::CHO[0], Inertia::default()).expect("valid");
-        let posture = device
-            .posture_at(&PlaneVector::new(0.3, 0.1, 0.0))
-            .expect("reachable");
+        let posture = device.posture_at(&PlaneVector::new(0.3, 0.1, 0.0)).expect("reachable");
         assert!(!device.inertia_varies());
-        assert_eq!(
-            posture.inertia,
-            HandleInertia::from_diagonal(&[0.5, 0.5, 0.0].into())
-        );
+        assert_eq!(posture.inertia, HandleInertia::from_diagonal(&[0.5, 0.5, 0.0].into()));
     }
 
     #[test]
@@ -236,17 +203,7 @@ mod tests {
         let mut inertia = Inertia::<2>::default();
         inertia.links[1].mass_kg = f64::NAN;
         let error = inertia.check().expect_err("not a mass");
-        assert_eq!(
-            error.to_string(),
-            "links[1].mass_kg = NaN: allowed is 0 to 100 kg"
-        );
-        assert!(
-            Inertia::<2> {
-                handle_mass_kg: 0.0,
-                ..Default::default()
-            }
-            .check()
-            .is_err()
-        );
+        assert_eq!(error.to_string(), "links[1].mass_kg = NaN: allowed is 0 to 100 kg");
+        assert!(Inertia::<2> { handle_mass_kg: 0.0, ..Default::default() }.check().is_err());
     }
 }

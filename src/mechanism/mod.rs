@@ -31,11 +31,7 @@ pub enum KinematicsError {
     /// Two links would have to span a distance that they cannot: no posture puts the handle
     /// there, or the shafts at these angles cannot close the loop.
     #[error("the linkage cannot reach there: {needed_m} m needed, {min_m} to {max_m} m possible")]
-    Unreachable {
-        needed_m: f64,
-        min_m: f64,
-        max_m: f64,
-    },
+    Unreachable { needed_m: f64, min_m: f64, max_m: f64 },
     /// Two branches meet: the handle's motion does not follow from the shafts', or theirs
     /// from its. The margin is the least |sine| of an angle between two links that span a
     /// distance together: 0 when they are in line, 1 at a right angle, whatever the lengths.

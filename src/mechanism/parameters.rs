@@ -10,24 +10,14 @@ use std::ops::RangeInclusive;
 pub enum ParameterError {
     /// Not a number, or outside its range.
     #[error("{field} = {value}: allowed is {least} to {most} {unit}")]
-    OutOfRange {
-        field: String,
-        value: f64,
-        least: f64,
-        most: f64,
-        unit: &'static str,
-    },
+    OutOfRange { field: String, value: f64, least: f64, most: f64, unit: &'static str },
     /// A choice between two sides.
     #[error("{field} = {value}: allowed is -1 or +1")]
     NotASign { field: &'static str, value: i32 },
     /// One link of a loop is at least as long as the others together, so that the loop closes
     /// nowhere, or only stretched out in a line.
     #[error("{field} = {value} m cannot close: less than {most:.4} m, the other links together")]
-    CannotClose {
-        field: String,
-        value: f64,
-        most: f64,
-    },
+    CannotClose { field: String, value: f64, most: f64 },
 }
 
 /// A link shorter than this is a manufacturing tolerance; a longer one is not hand-held.
@@ -47,13 +37,7 @@ pub(super) fn require_range(
         return Ok(());
     }
     let (least, most) = (*allowed.start(), *allowed.end());
-    Err(ParameterError::OutOfRange {
-        field: field.into(),
-        value,
-        least,
-        most,
-        unit,
-    })
+    Err(ParameterError::OutOfRange { field: field.into(), value, least, most, unit })
 }
 
 /// A sign as the factor that it is in the equations.

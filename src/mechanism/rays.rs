@@ -24,22 +24,14 @@ pub struct Ray {
 
 impl Ray {
     fn opposite(self) -> Self {
-        Self {
-            positive: !self.positive,
-            ..self
-        }
+        Self { positive: !self.positive, ..self }
     }
 }
 
 impl fmt::Display for Ray {
     /// As in the papers: "1+" is positive torque of the first actuator.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "{}{}",
-            self.actuator + 1,
-            if self.positive { '+' } else { '-' }
-        )
+        write!(f, "{}{}", self.actuator + 1, if self.positive { '+' } else { '-' })
     }
 }
 
@@ -82,19 +74,14 @@ impl Rays {
 
     /// Largest beta, rad; at least pi / n.
     pub fn P_f(&self) -> f64 {
-        self.betas_rad()
-            .iter()
-            .fold(0.0, |largest, &beta| largest.max(beta))
+        self.betas_rad().iter().fold(0.0, |largest, &beta| largest.max(beta))
     }
 
     /// The half turn twice: opposite rays follow each other in the same order.
     fn around(half: &[(f64, Ray)]) -> Self {
         let n = half.len();
-        let mut rays = Self {
-            count: 2 * n,
-            order: [Ray::default(); MAX_RAYS],
-            beta_rad: [0.0; MAX_RAYS],
-        };
+        let mut rays =
+            Self { count: 2 * n, order: [Ray::default(); MAX_RAYS], beta_rad: [0.0; MAX_RAYS] };
         for (i, &(angle_rad, ray)) in half.iter().enumerate() {
             let next_rad = half.get(i + 1).map_or(PI, |next| next.0);
             for (slot, ray) in [(i, ray), (i + n, ray.opposite())] {
@@ -119,21 +106,9 @@ fn angle_of(reference: &ReferenceMatrix, actuator: usize) -> Option<f64> {
 fn in_first_half(from_first_rad: f64, actuator: usize) -> (f64, Ray) {
     let turn_rad = from_first_rad.rem_euclid(2.0 * PI) + 0.0;
     if turn_rad < PI {
-        (
-            turn_rad,
-            Ray {
-                actuator,
-                positive: true,
-            },
-        )
+        (turn_rad, Ray { actuator, positive: true })
     } else {
-        (
-            (turn_rad - PI).min(PI),
-            Ray {
-                actuator,
-                positive: false,
-            },
-        )
+        ((turn_rad - PI).min(PI), Ray { actuator, positive: false })
     }
 }
 
@@ -151,9 +126,7 @@ mod tests {
 
     fn five_bar_rays(parameters: FiveBarParameters, r_m: f64) -> Rays {
         let device = FiveBar::new(parameters, Inertia::default()).expect("valid parameters");
-        let posture = device
-            .posture_at(&PlaneVector::new(r_m, 0.0, 0.0))
-            .expect("reachable");
+        let posture = device.posture_at(&PlaneVector::new(r_m, 0.0, 0.0)).expect("reachable");
         Rays::of(&posture.reference, device.actuators()).expect("rays")
     }
 
@@ -162,10 +135,7 @@ mod tests {
         (0..=30).fold((f64::INFINITY, 0.0), |(least, most), step| {
             let rays = five_bar_rays(parameters, 0.2 + 0.01 * f64::from(step));
             let betas_deg = || rays.betas_rad().iter().map(|beta| beta.to_degrees());
-            (
-                betas_deg().fold(least, f64::min),
-                betas_deg().fold(most, f64::max),
-            )
+            (betas_deg().fold(least, f64::min), betas_deg().fold(most, f64::max))
         })
     }
 
@@ -173,15 +143,9 @@ mod tests {
     fn the_betas_of_both_published_designs_have_the_published_extremes() {
         let [optimised, unoptimised, _] = fixtures::CHO;
         let (least, most) = extremes_deg(unoptimised);
-        assert!(
-            (least - 3.999).abs() < 5e-4 && (most - 112.885).abs() < 5e-4,
-            "{least} {most}"
-        );
+        assert!((least - 3.999).abs() < 5e-4 && (most - 112.885).abs() < 5e-4, "{least} {most}");
         let (least, most) = extremes_deg(optimised);
-        assert!(
-            (least - 21.20).abs() < 5e-3 && (most - 79.65).abs() < 5e-3,
-            "{least} {most}"
-        );
+        assert!((least - 21.20).abs() < 5e-3 && (most - 79.65).abs() < 5e-3, "{least} {most}");
     }
 
     #[test]
@@ -201,20 +165,13 @@ mod tests {
                 let a = f64::atan((psi / 2.0).tan() / (2.0 / k - 1.0));
                 let mut expected = [PI - psi, psi / 2.0 - a, 2.0 * a, psi / 2.0 - a];
                 expected.sort_by(f64::total_cmp);
-                let parameters = FiveBarParameters {
-                    k3: k,
-                    k4: k,
-                    ..fixtures::CHO[1]
-                };
+                let parameters = FiveBarParameters { k3: k, k4: k, ..fixtures::CHO[1] };
                 let rays = five_bar_rays(parameters, r_m);
                 let mut betas = [0.0; 4];
                 betas.copy_from_slice(&rays.betas_rad()[..4]);
                 betas.sort_by(f64::total_cmp);
                 for (beta, expected) in betas.into_iter().zip(expected) {
-                    assert!(
-                        (beta - expected).abs() < 1e-12,
-                        "k {k}, r {r_m}: {beta} {expected}"
-                    );
+                    assert!((beta - expected).abs() < 1e-12, "k {k}, r {r_m}: {beta} {expected}");
                 }
             }
         }
@@ -223,10 +180,7 @@ mod tests {
     #[test]
     fn rays_in_line_are_no_angle_apart_and_keep_their_order() {
         let mut reference = ReferenceMatrix::zeros();
-        for (i, (x, y)) in [(1.0, 1.0), (3.0, 3.0), (-2.0, -2.0), (0.0, 1.0)]
-            .iter()
-            .enumerate()
-        {
+        for (i, (x, y)) in [(1.0, 1.0), (3.0, 3.0), (-2.0, -2.0), (0.0, 1.0)].iter().enumerate() {
             reference[(0, i)] = *x;
             reference[(1, i)] = *y;
         }

@@ -52,11 +52,7 @@ impl TwoLink {
             require_range(field, length_m, &LENGTH_M, "m")?;
         }
         inertia.check()?;
-        Ok(Self {
-            lengths_m,
-            elbow: require_sign("elbow", parameters.elbow)?,
-            inertia,
-        })
+        Ok(Self { lengths_m, elbow: require_sign("elbow", parameters.elbow)?, inertia })
     }
 
     /// `J = dP/dq`, m/rad.
@@ -74,24 +70,14 @@ impl TwoLink {
         let rates = arm_rates(self.lengths_m, along);
         let handle_m = l1_m * along[0] + l2_m * along[1];
         let mut shaft_rad = ActuatorVector::zeros();
-        shaft_rad
-            .fixed_rows_mut::<2>(0)
-            .copy_from(&Vector2::new(q1, q2));
+        shaft_rad.fixed_rows_mut::<2>(0).copy_from(&Vector2::new(q1, q2));
         let mut reference = ReferenceMatrix::zeros();
         let columns = Matrix2::from_columns(&[rates[0], rates[1] - rates[0]]);
         reference.fixed_view_mut::<2, 2>(0, 0).copy_from(&columns);
         let elbow = swing(l1_m, along[0], rates[0]);
         let motions = [
-            LinkMotion {
-                joint: Matrix2::zeros(),
-                along: along[0],
-                rate_per_m: rates[0],
-            },
-            LinkMotion {
-                joint: elbow,
-                along: along[1],
-                rate_per_m: rates[1],
-            },
+            LinkMotion { joint: Matrix2::zeros(), along: along[0], rate_per_m: rates[0] },
+            LinkMotion { joint: elbow, along: along[1], rate_per_m: rates[1] },
         ];
         Ok(Posture {
             p_BH: PlaneVector::new(handle_m.x, handle_m.y, wrap(q1 + q2)),
@@ -170,22 +156,11 @@ mod tests {
     fn parameters_out_of_range_are_refused_by_name() {
         let build = |l1_m, l2_m, elbow| {
             let parameters = TwoLinkParameters { l1_m, l2_m, elbow };
-            TwoLink::new(parameters, Inertia::default())
-                .map(drop)
-                .map_err(|e| e.to_string())
+            TwoLink::new(parameters, Inertia::default()).map(drop).map_err(|e| e.to_string())
         };
-        assert_eq!(
-            build(0.3, -1.0, 1),
-            Err("l2_m = -1: allowed is 0.001 to 10 m".into())
-        );
-        assert_eq!(
-            build(f64::NAN, 0.3, 1),
-            Err("l1_m = NaN: allowed is 0.001 to 10 m".into())
-        );
-        assert_eq!(
-            build(0.3, 0.3, 0),
-            Err("elbow = 0: allowed is -1 or +1".into())
-        );
+        assert_eq!(build(0.3, -1.0, 1), Err("l2_m = -1: allowed is 0.001 to 10 m".into()));
+        assert_eq!(build(f64::NAN, 0.3, 1), Err("l1_m = NaN: allowed is 0.001 to 10 m".into()));
+        assert_eq!(build(0.3, 0.3, 0), Err("elbow = 0: allowed is -1 or +1".into()));
     }
 
     #[test]
@@ -195,17 +170,11 @@ mod tests {
         assert!(matches!(straight, Err(KinematicsError::Singular { .. })));
         for x in [0.5, 0.1] {
             let edge = arm.posture_at(&PlaneVector::new(x, 0.0, 0.0));
-            assert!(
-                matches!(edge, Err(KinematicsError::Singular { .. })),
-                "{edge:?}"
-            );
+            assert!(matches!(edge, Err(KinematicsError::Singular { .. })), "{edge:?}");
         }
         for x in [0.51, 0.09, 0.0, 1e300] {
             let beyond = arm.posture_at(&PlaneVector::new(x, 0.0, 0.0));
-            assert!(
-                matches!(beyond, Err(KinematicsError::Unreachable { .. })),
-                "{beyond:?}"
-            );
+            assert!(matches!(beyond, Err(KinematicsError::Unreachable { .. })), "{beyond:?}");
         }
     }
 

@@ -13,10 +13,7 @@ pub fn now_ns() -> u64 {
 
 /// Sleeps until `due_ns`; returns at once when that is past. A signal does not shorten it.
 pub fn sleep_until(due_ns: u64) {
-    let due = Timespec {
-        tv_sec: (due_ns / NS_PER_S) as _,
-        tv_nsec: (due_ns % NS_PER_S) as _,
-    };
+    let due = Timespec { tv_sec: (due_ns / NS_PER_S) as _, tv_nsec: (due_ns % NS_PER_S) as _ };
     while let Err(rustix::io::Errno::INTR) = clock_nanosleep_absolute(ClockId::Monotonic, &due) {}
 }
 

@@ -26,13 +26,7 @@ pub struct Cycle<D: Device> {
 impl<D: Device> Cycle<D> {
     /// Takes everything that a turn needs.
     pub fn new(device: D, state: ControlState, plan: Box<Plan>, link: DeviceLink) -> Self {
-        Self {
-            device,
-            state,
-            plan,
-            link,
-            overruns_in_row: 0,
-        }
+        Self { device, state, plan, link, overruns_in_row: 0 }
     }
 
     /// Time between turns.
@@ -51,10 +45,7 @@ impl<D: Device> Cycle<D> {
         no_alloc(|| {
             self.obey();
             let mut device_error = None;
-            let sample = self
-                .device
-                .read(now_ns)
-                .inspect_err(|error| device_error = Some(*error));
+            let sample = self.device.read(now_ns).inspect_err(|error| device_error = Some(*error));
             let sensed_ns = clock();
             let decision = self.decide(sample, now_ns);
             let decided_ns = clock();

@@ -33,12 +33,7 @@ pub enum Right {
 
 impl Right {
     /// Every right, for tables and metrics.
-    pub const ALL: [Self; 4] = [
-        Self::Scheduler,
-        Self::Affinity,
-        Self::Memory,
-        Self::CpuLatency,
-    ];
+    pub const ALL: [Self; 4] = [Self::Scheduler, Self::Affinity, Self::Memory, Self::CpuLatency];
 
     /// The name used in metrics.
     pub fn name(self) -> &'static str {
@@ -76,15 +71,9 @@ impl Rights {
         note(Right::Affinity, pin(cpu));
         note(Right::Memory, lock_memory());
         let latency = hold_cpu_latency();
-        note(
-            Right::CpuLatency,
-            latency.as_ref().map(drop).map_err(Clone::clone),
-        );
+        note(Right::CpuLatency, latency.as_ref().map(drop).map_err(Clone::clone));
         prefault_stack();
-        Self {
-            denied,
-            _cpu_latency: latency.ok(),
-        }
+        Self { denied, _cpu_latency: latency.ok() }
     }
 
     /// What was denied, and why.
@@ -98,14 +87,10 @@ pub(crate) fn fifo(priority: u8) -> Result<(), String> {
     let level = thread_priority::ThreadPriorityValue::try_from(priority)
         .map_err(|_| format!("priority {priority} is not in 0 to 99"))?;
     let policy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
-    set_thread_priority_and_policy(
-        thread_native_id(),
-        ThreadPriority::Crossplatform(level),
-        policy,
-    )
-    .map_err(|error| {
-        format!("SCHED_FIFO {priority}: {error:?}; allow it with LimitRTPRIO or CAP_SYS_NICE")
-    })
+    set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Crossplatform(level), policy)
+        .map_err(|error| {
+            format!("SCHED_FIFO {priority}: {error:?}; allow it with LimitRTPRIO or CAP_SYS_NICE")
+        })
 }
 
 fn pin(cpu: Option<usize>) -> Result<(), String> {
@@ -113,10 +98,7 @@ fn pin(cpu: Option<usize>) -> Result<(), String> {
     let last = (0..CpuSet::MAX_CPU).rev().find(|&cpu| allowed.is_set(cpu));
     let cpu = cpu.or(last).ok_or("no processor allowed")?;
     if cpu >= CpuSet::MAX_CPU {
-        return Err(format!(
-            "processor {cpu} is not in 0 to {}",
-            CpuSet::MAX_CPU - 1
-        ));
+        return Err(format!("processor {cpu} is not in 0 to {}", CpuSet::MAX_CPU - 1));
     }
     let mut only = CpuSet::new();
     only.set(cpu);
@@ -127,10 +109,7 @@ fn lock_memory() -> Result<(), String> {
     let unlimited =
         capabilities(None).is_ok_and(|sets| sets.effective.contains(CapabilitySet::IPC_LOCK));
     let limit = getrlimit(Resource::Memlock).current;
-    if let (false, Some(bytes)) = (
-        unlimited,
-        limit.filter(|&bytes| bytes < LEAST_LOCKABLE_BYTES),
-    ) {
+    if let (false, Some(bytes)) = (unlimited, limit.filter(|&bytes| bytes < LEAST_LOCKABLE_BYTES)) {
         return Err(format!(
             "RLIMIT_MEMLOCK is {} KiB, at least {} KiB needed; allow it with LimitMEMLOCK or CAP_IPC_LOCK",
             bytes >> 10,
@@ -143,12 +122,9 @@ fn lock_memory() -> Result<(), String> {
 
 fn hold_cpu_latency() -> Result<File, String> {
     let path = "/dev/cpu_dma_latency";
-    let mut file = OpenOptions::new()
-        .write(true)
-        .open(path)
-        .map_err(|error| format!("{path}: {error}"))?;
-    file.write_all(&0i32.to_ne_bytes())
-        .map_err(|error| format!("{path}: {error}"))?;
+    let mut file =
+        OpenOptions::new().write(true).open(path).map_err(|error| format!("{path}: {error}"))?;
+    file.write_all(&0i32.to_ne_bytes()).map_err(|error| format!("{path}: {error}"))?;
     Ok(file)
 }
 
@@ -167,22 +143,14 @@ mod tests {
 
     #[test]
     fn an_impossible_processor_is_denied_by_name() {
-        let why = std::thread::spawn(|| pin(Some(1 << 20)))
-            .join()
-            .unwrap()
-            .unwrap_err();
+        let why = std::thread::spawn(|| pin(Some(1 << 20))).join().unwrap().unwrap_err();
         assert!(why.contains("1048576"), "{why}");
     }
 
     #[test]
     fn denied_rights_are_listed_with_their_reasons() {
-        let error = RightsError(vec![
-            (Right::Scheduler, "no".into()),
-            (Right::Memory, "limit".into()),
-        ]);
-        assert_eq!(
-            error.to_string(),
-            "real-time rights denied: scheduler (no); memory (limit)"
-        );
+        let error =
+            RightsError(vec![(Right::Scheduler, "no".into()), (Right::Memory, "limit".into())]);
+        assert_eq!(error.to_string(), "real-time rights denied: scheduler (no); memory (limit)");
     }
 }

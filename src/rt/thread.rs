@@ -33,11 +33,7 @@ pub struct RtConfig {
 
 impl Default for RtConfig {
     fn default() -> Self {
-        Self {
-            realtime: Realtime::BestEffort,
-            priority: 80,
-            cpu: None,
-        }
+        Self { realtime: Realtime::BestEffort, priority: 80, cpu: None }
     }
 }
 
@@ -94,22 +90,16 @@ pub fn spawn<D: Device + 'static>(
     let stop = Arc::new(AtomicBool::new(false));
     let (granted, started) = mpsc::sync_channel(1);
     let stopped = Arc::clone(&stop);
-    let thread = std::thread::Builder::new()
-        .name("hapticd-rt".into())
-        .spawn(move || {
-            let rights = Rights::claim(config.priority, config.cpu);
-            let denied = rights.denied().to_vec();
-            let refuse = config.realtime == Realtime::Enforce && !denied.is_empty();
-            if granted.send(denied).is_ok() && !refuse {
-                run(cycle, &stopped, &doorbell);
-            }
-        })?;
+    let thread = std::thread::Builder::new().name("hapticd-rt".into()).spawn(move || {
+        let rights = Rights::claim(config.priority, config.cpu);
+        let denied = rights.denied().to_vec();
+        let refuse = config.realtime == Realtime::Enforce && !denied.is_empty();
+        if granted.send(denied).is_ok() && !refuse {
+            run(cycle, &stopped, &doorbell);
+        }
+    })?;
     let denied = started.recv().map_err(|_| RtError::Ended)?;
-    let handle = RtHandle {
-        denied,
-        stop,
-        thread: Some(thread),
-    };
+    let handle = RtHandle { denied, stop, thread: Some(thread) };
     if config.realtime == Realtime::Enforce && !handle.denied.is_empty() {
         return Err(RightsError(handle.denied.clone()).into());
     }

@@ -24,10 +24,7 @@ fn random_postures(seed: u64, margin: f64, mut check: impl FnMut(&FiveBar, &Post
         let (device, p_BH) = fixtures::random_five_bar(&mut rng, margin);
         let signs = [device.lever, device.tendons, device.elbow, device.branch];
         modes.insert(signs.map(|sign| sign > 0.0));
-        check(
-            &device,
-            &device.posture_at(&p_BH).expect("a regular posture"),
-        );
+        check(&device, &device.posture_at(&p_BH).expect("a regular posture"));
     }
     assert_eq!(modes.len(), 16, "not every working mode was met");
 }
@@ -49,10 +46,7 @@ fn handle_change(change: PlaneVector) -> Vector2<f64> {
 fn assert_near(actual: &[f64], numeric: &[f64], what: &str) {
     let scale = numeric.iter().fold(1.0_f64, |most, x| most.max(x.abs()));
     for (a, n) in actual.iter().zip(numeric) {
-        assert!(
-            (a - n).abs() <= 1e-5 * scale,
-            "{what}: {actual:?} is not {numeric:?}"
-        );
+        assert!((a - n).abs() <= 1e-5 * scale, "{what}: {actual:?} is not {numeric:?}");
     }
 }
 
@@ -62,9 +56,7 @@ fn jacobians_equal_finite_differences_of_forward_kinematics() {
         let (phi1, phi2) = (posture.shaft_rad[0], posture.shaft_rad[1]);
         let assembly = device.assembly(posture);
         let at = |d1: f64, d2: f64| {
-            let p_BH = device
-                .forward(phi1 + d1, phi2 + d2, assembly)
-                .expect("regular");
+            let p_BH = device.forward(phi1 + d1, phi2 + d2, assembly).expect("regular");
             let shaft_rad = device.posture_at(&p_BH).expect("regular").shaft_rad;
             (p_BH, joints_of(device, &shaft_rad))
         };
@@ -101,10 +93,7 @@ fn power_at_the_handle_is_the_power_of_the_shafts() {
         let of_shafts: f64 = rates.iter().zip(&torque_Nm).map(|(w, tau)| w * tau).sum();
         let of_handle = (posture.reference * torque_Nm).dot(&v);
         let scale = posture.reference.amax().max(1.0);
-        assert!(
-            (of_shafts - of_handle).abs() < 1e-5 * scale,
-            "{of_shafts} {of_handle}"
-        );
+        assert!((of_shafts - of_handle).abs() < 1e-5 * scale, "{of_shafts} {of_handle}");
     });
 }
 
@@ -131,14 +120,7 @@ fn inverse_then_forward_is_the_same_posture_after_any_number_of_turns() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     random_postures(6, 0.02, |device, posture| {
         let [turns1, turns2] = [(); 2].map(|()| TAU * f64::from(rng.random_range(-3..=3)));
-        let turns = [
-            turns1,
-            turns2,
-            device.tendons * turns1,
-            device.tendons * turns2,
-            0.0,
-            0.0,
-        ];
+        let turns = [turns1, turns2, device.tendons * turns1, device.tendons * turns2, 0.0, 0.0];
         let given = posture.shaft_rad + ActuatorVector::from_column_slice(&turns);
         let back = device.posture_from_shafts(&given).expect("regular");
         assert!((back.p_BH.xy() - posture.p_BH.xy()).norm() < 1e-11);
@@ -146,9 +128,7 @@ fn inverse_then_forward_is_the_same_posture_after_any_number_of_turns() {
         assert!((back.shaft_rad - given).amax() < 1e-9, "not continuous");
         assert!(back.closure_rad.amax() < 1e-9);
         let assembly = device.assembly(posture);
-        let forward = device
-            .forward(given[0], given[1], assembly)
-            .expect("regular");
+        let forward = device.forward(given[0], given[1], assembly).expect("regular");
         assert!((forward - posture.p_BH).xy().norm() < 1e-11);
     });
 }
@@ -157,9 +137,7 @@ fn inverse_then_forward_is_the_same_posture_after_any_number_of_turns() {
 fn closure_tells_how_far_a_redundant_encoder_is_off() {
     for parameters in fixtures::CHO {
         let device = build(parameters);
-        let posture = device
-            .posture_at(&PlaneVector::new(0.3, 0.1, 0.0))
-            .expect("reachable");
+        let posture = device.posture_at(&PlaneVector::new(0.3, 0.1, 0.0)).expect("reachable");
         let mut given = posture.shaft_rad;
         given[2] += 0.01;
         given[3] -= 0.02;
@@ -174,10 +152,7 @@ fn closure_tells_how_far_a_redundant_encoder_is_off() {
 #[test]
 fn locking_brakes_in_turn_couples_the_joints_as_in_figure_6() {
     // Brake 4 to 45 deg with brake 2 locked, then brake 2 to 90 deg with brake 4 locked.
-    let device = build(FiveBarParameters {
-        k4: 1.0,
-        ..fixtures::CHO[1]
-    });
+    let device = build(FiveBarParameters { k4: 1.0, ..fixtures::CHO[1] });
     let [mut brake2, mut brake4] = [0.0, FRAC_PI_4];
     for expected_theta4 in [FRAC_PI_4, -FRAC_PI_4] {
         let (phi2, phi4) = (brake2, brake2 + expected_theta4);
@@ -235,22 +210,11 @@ fn the_outline_joins_the_links_at_their_lengths() {
 fn bad_parameters_are_refused_by_name_value_and_range() {
     let base = fixtures::CHO[0];
     let refusal = |parameters| {
-        FiveBar::new(parameters, Inertia::default())
-            .expect_err("not a linkage")
-            .to_string()
+        FiveBar::new(parameters, Inertia::default()).expect_err("not a linkage").to_string()
     };
-    let with_l3 = |l3| FiveBarParameters {
-        l_m: [0.3, 0.2, l3, 0.291, 0.3],
-        ..base
-    };
-    assert_eq!(
-        refusal(with_l3(-0.1)),
-        "l_m[2] = -0.1: allowed is 0.001 to 10 m"
-    );
-    assert_eq!(
-        refusal(with_l3(f64::NAN)),
-        "l_m[2] = NaN: allowed is 0.001 to 10 m"
-    );
+    let with_l3 = |l3| FiveBarParameters { l_m: [0.3, 0.2, l3, 0.291, 0.3], ..base };
+    assert_eq!(refusal(with_l3(-0.1)), "l_m[2] = -0.1: allowed is 0.001 to 10 m");
+    assert_eq!(refusal(with_l3(f64::NAN)), "l_m[2] = NaN: allowed is 0.001 to 10 m");
     assert_eq!(
         refusal(with_l3(0.9)),
         "l_m[2] = 0.9 m cannot close: less than 0.7910 m, the other links together"
@@ -271,13 +235,7 @@ fn lengths_that_close_nowhere_are_exactly_those_refused() {
             let OD_m = (l_m[0] - l_m[2]).abs() + 2.0 * l_m[0].min(l_m[2]) * f64::from(i) / 2000.0;
             (l_m[1] - l_m[3]).abs() < OD_m && OD_m < l_m[1] + l_m[3]
         });
-        let built = FiveBar::new(
-            FiveBarParameters {
-                l_m,
-                ..fixtures::CHO[0]
-            },
-            Inertia::default(),
-        );
+        let built = FiveBar::new(FiveBarParameters { l_m, ..fixtures::CHO[0] }, Inertia::default());
         assert_eq!(built.is_ok(), closes, "{l_m:?}");
     }
 }
@@ -287,34 +245,19 @@ fn singular_and_unreachable_places_are_typed_errors() {
     let device = build(fixtures::CHO[0]);
     for r_m in [0.61, 1e9, 1e200, f64::MAX] {
         let answer = device.posture_at(&PlaneVector::new(r_m, -r_m, 0.0));
-        assert!(
-            matches!(answer, Err(KinematicsError::Unreachable { .. })),
-            "{answer:?}"
-        );
+        assert!(matches!(answer, Err(KinematicsError::Unreachable { .. })), "{answer:?}");
     }
     let folded = device.posture_at(&PlaneVector::zeros());
-    assert!(
-        matches!(folded, Err(KinematicsError::Singular { margin: 0.0, .. })),
-        "{folded:?}"
-    );
+    assert!(matches!(folded, Err(KinematicsError::Singular { margin: 0.0, .. })), "{folded:?}");
     let (_, edge_m) = device.reach_m();
     let edge = device.posture_at(&PlaneVector::new(edge_m, 0.0, 0.0));
-    assert!(
-        matches!(edge, Err(KinematicsError::Singular { .. })),
-        "{edge:?}"
-    );
+    assert!(matches!(edge, Err(KinematicsError::Singular { .. })), "{edge:?}");
     let apart = device.forward(0.0, PI, 1);
-    assert!(
-        matches!(apart, Err(KinematicsError::Unreachable { .. })),
-        "{apart:?}"
-    );
+    assert!(matches!(apart, Err(KinematicsError::Unreachable { .. })), "{apart:?}");
     // E on C: the lever may point anywhere.
     let equal = build(fixtures::CHO[1]);
     let together = equal.forward(0.7, 0.7, 1);
-    assert!(
-        matches!(together, Err(KinematicsError::Singular { .. })),
-        "{together:?}"
-    );
+    assert!(matches!(together, Err(KinematicsError::Singular { .. })), "{together:?}");
     let nowhere = device.posture_from_shafts(&ActuatorVector::repeat(f64::INFINITY));
     assert_eq!(nowhere, Err(KinematicsError::NotFinite));
 }
@@ -336,12 +279,7 @@ fn reference_forces_stay_bounded_up_to_the_edge_of_the_workspace() {
 fn all_finite(posture: &Posture) -> bool {
     let angles = posture.shaft_rad.iter().chain(&posture.closure_rad);
     let matrices = posture.reference.iter().chain(&posture.inertia);
-    posture
-        .p_BH
-        .iter()
-        .chain(angles)
-        .chain(matrices)
-        .all(|x| x.is_finite())
+    posture.p_BH.iter().chain(angles).chain(matrices).all(|x| x.is_finite())
 }
 
 proptest! {

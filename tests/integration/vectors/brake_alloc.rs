@@ -47,14 +47,7 @@ fn capability(case: &Case, velocity: &PlaneVector) -> Capability {
     let kinds = [ActuatorKind::Brake; MAX_ACTUATORS];
     let max_torque_Nm = ActuatorVector::repeat(case.number("tau_max"));
     let bounds = Bounds::given(&kinds, &max_torque_Nm, &motion);
-    Capability {
-        reference,
-        freedoms: 2,
-        actuators,
-        kinds,
-        bounds,
-        moment_length_m: 1.0,
-    }
+    Capability { reference, freedoms: 2, actuators, kinds, bounds, moment_length_m: 1.0 }
 }
 
 /// The force is unique; the torques only have to give it, within bounds, at no larger norm.
@@ -63,31 +56,14 @@ fn check_optimum(case: &Case, capability: &Capability, desired: &PlaneVector) {
     case.expect("F_opt", found.wrench.xy().as_slice());
     let torques = found.torque_Nm;
     let given = capability.reference * torques;
-    assert!(
-        close(given.as_slice(), found.wrench.as_slice()),
-        "{}",
-        case.place("tau_opt")
-    );
+    assert!(close(given.as_slice(), found.wrench.as_slice()), "{}", case.place("tau_opt"));
     let Bounds { lower_Nm, upper_Nm } = capability.bounds;
     for i in 0..capability.actuators {
         let inside = torques[i] >= lower_Nm[i] && torques[i] <= upper_Nm[i];
-        assert!(
-            inside,
-            "{}: torque {i} out of bounds",
-            case.place("tau_opt")
-        );
+        assert!(inside, "{}: torque {i} out of bounds", case.place("tau_opt"));
     }
-    let least = case
-        .numbers("tau_opt")
-        .iter()
-        .map(|t| t * t)
-        .sum::<f64>()
-        .sqrt();
+    let least = case.numbers("tau_opt").iter().map(|t| t * t).sum::<f64>().sqrt();
     let norm = torques.norm();
     let larger = norm > least + 1e-9 * least.max(1.0);
-    assert!(
-        !larger,
-        "{}: norm {norm}, least {least}",
-        case.place("tau_opt")
-    );
+    assert!(!larger, "{}: norm {norm}, least {least}", case.place("tau_opt"));
 }

@@ -33,12 +33,7 @@ fn check(case: &Case) {
     let posture = posture.unwrap_or_else(|e| panic!("{}: {e}", case.place("P")));
     case.expect("P", posture.p_BH.xy().as_slice());
     case.expect("phi", &device.link_angles_rad(&posture));
-    assert_eq!(
-        device.assembly(&posture),
-        case.integer("assembly"),
-        "{}",
-        case.place("assembly")
-    );
+    assert_eq!(device.assembly(&posture), case.integer("assembly"), "{}", case.place("assembly"));
 
     let FiveBarJacobians { J, JG, JB } = device.jacobians(&posture);
     case.expect_matrix("J", &J);
@@ -46,9 +41,7 @@ fn check(case: &Case) {
     case.expect_matrix("JB", &JB);
     let R = posture.reference.fixed_view::<2, 4>(0, 0);
     case.expect_matrix("R", &R);
-    let gram = (R * R.transpose())
-        .try_inverse()
-        .expect("two independent rays");
+    let gram = (R * R.transpose()).try_inverse().expect("two independent rays");
     case.expect_matrix("Jr", &(gram * R));
     case.expect_rays(&Rays::of(&posture.reference, device.actuators()).expect("rays"));
     let [v_x, v_y] = case.array("v");

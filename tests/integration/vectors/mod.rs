@@ -29,15 +29,9 @@ pub fn cases(file: &'static str) -> Vec<Case> {
     let text = std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
     let mut content: Value =
         serde_json::from_str(&text).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
-    let Value::Array(cases) = content["cases"].take() else {
-        panic!("{file}: no `cases`")
-    };
+    let Value::Array(cases) = content["cases"].take() else { panic!("{file}: no `cases`") };
     assert!(!cases.is_empty(), "{file}: holds no case");
-    let case = |(number, fields)| Case {
-        file,
-        number,
-        fields,
-    };
+    let case = |(number, fields)| Case { file, number, fields };
     cases.into_iter().enumerate().map(case).collect()
 }
 
@@ -49,20 +43,14 @@ impl Case {
 
     /// A field as it stands in the file; absent is a failure, `null` is not.
     pub fn value(&self, field: &str) -> &Value {
-        self.fields
-            .get(field)
-            .unwrap_or_else(|| panic!("{} is missing", self.place(field)))
+        self.fields.get(field).unwrap_or_else(|| panic!("{} is missing", self.place(field)))
     }
 
     /// A number, vector or matrix as a flat list, row by row.
     pub fn numbers(&self, field: &str) -> Vec<f64> {
         let mut flat = Vec::new();
         let numeric = flatten(self.value(field), &mut flat);
-        assert!(
-            numeric,
-            "{} holds something else than numbers",
-            self.place(field)
-        );
+        assert!(numeric, "{} holds something else than numbers", self.place(field));
         flat
     }
 
@@ -70,9 +58,7 @@ impl Case {
     pub fn array<const N: usize>(&self, field: &str) -> [f64; N] {
         let numbers = self.numbers(field);
         let length = numbers.len();
-        numbers
-            .try_into()
-            .unwrap_or_else(|_| panic!("{}: {length} numbers", self.place(field)))
+        numbers.try_into().unwrap_or_else(|_| panic!("{}: {length} numbers", self.place(field)))
     }
 
     pub fn number(&self, field: &str) -> f64 {
@@ -103,9 +89,7 @@ impl Case {
         C: Dim,
         S: RawStorage<f64, R, C>,
     {
-        let rows = actual
-            .row_iter()
-            .flat_map(|row| row.iter().copied().collect::<Vec<_>>());
+        let rows = actual.row_iter().flat_map(|row| row.iter().copied().collect::<Vec<_>>());
         self.expect(field, &rows.collect::<Vec<_>>());
     }
 
@@ -125,17 +109,8 @@ impl Case {
 
     /// Fails unless rays, betas, P_a and P_f are those of the case.
     fn expect_rays(&self, rays: &hapticd::mechanism::Rays) {
-        let order: Vec<_> = rays
-            .order()
-            .iter()
-            .map(|ray| Value::from(ray.to_string()))
-            .collect();
-        assert_eq!(
-            &Value::from(order),
-            self.value("order"),
-            "{}",
-            self.place("order")
-        );
+        let order: Vec<_> = rays.order().iter().map(|ray| Value::from(ray.to_string())).collect();
+        assert_eq!(&Value::from(order), self.value("order"), "{}", self.place("order"));
         self.expect("betas", rays.betas_rad());
         self.expect("P_a", &[rays.P_a()]);
         self.expect("P_f", &[rays.P_f()]);

@@ -22,9 +22,8 @@ fn check(case: &Case) {
     };
     let arm = TwoLink::new(parameters, Inertia::default()).expect("valid lengths");
     let shafts = ActuatorVector::from_column_slice(&[q1, q2, 0.0, 0.0, 0.0, 0.0]);
-    let posture = arm
-        .posture_from_shafts(&shafts)
-        .unwrap_or_else(|e| panic!("{}: {e}", case.place("q")));
+    let posture =
+        arm.posture_from_shafts(&shafts).unwrap_or_else(|e| panic!("{}: {e}", case.place("q")));
     case.expect("P", posture.p_BH.xy().as_slice());
     case.expect_matrix("J", &arm.jacobian(&posture));
     case.expect_matrix("R", &posture.reference.fixed_view::<2, 2>(0, 0));
@@ -45,11 +44,7 @@ fn check(case: &Case) {
     };
     let [fx, fy] = case.array("Fd");
     let desired = PlaneVector::new(fx, fy, 0.0);
-    case.expect_region(classify(
-        &capability,
-        &desired,
-        &PlaneVector::new(v_x, v_y, 0.0),
-    ));
+    case.expect_region(classify(&capability, &desired, &PlaneVector::new(v_x, v_y, 0.0)));
 
     let [x, y] = case.array("P");
     let inverse = arm.posture_at(&PlaneVector::new(x, y, 0.0));

@@ -1,0 +1,54 @@
+//! The daemon's sockets, bound before anything runs.
+
+use std::io;
+use std::net::{IpAddr, SocketAddr, TcpListener, UdpSocket};
+
+use anyhow::Context;
+
+use crate::config::ServerConfig;
+
+/// All of them.
+#[derive(Debug)]
+pub struct Sockets {
+    /// QUIC.
+    pub stream: UdpSocket,
+    /// gRPC.
+    pub grpc: TcpListener,
+    /// Metrics and health.
+    pub http: TcpListener,
+}
+
+impl Sockets {
+    /// Binds the configured ports. With `or_free`, a port in use is replaced by a free one.
+    pub fn bind(config: &ServerConfig, or_free: bool) -> anyhow::Result<Self> {
+        let ip = config.listen;
+        let udp = |address: SocketAddr| UdpSocket::bind(address);
+        let tcp = |address: SocketAddr| {
+            let listener = TcpListener::bind(address)?;
+            listener.set_nonblocking(true)?;
+            Ok(listener)
+        };
+        Ok(Self {
+            stream: bind("stream_port", ip, config.stream_port, or_free, udp)?,
+            grpc: bind("grpc_port", ip, config.grpc_port, or_free, tcp)?,
+            http: bind("http_port", ip, config.http_port, or_free, tcp)?,
+        })
+    }
+}
+
+fn bind<S>(
+    key: &str,
+    ip: IpAddr,
+    port: u16,
+    or_free: bool,
+    open: impl Fn(SocketAddr) -> io::Result<S>,
+) -> anyhow::Result<S> {
+    match open(SocketAddr::new(ip, port)) {
+        Err(error) if or_free && error.kind() == io::ErrorKind::AddrInUse => {
+            open(SocketAddr::new(ip, 0)).with_context(|| format!("no free port for {key} on {ip}"))
+        }
+        result => result.with_context(|| {
+            format!("server.{key} = {port}: cannot listen on {ip} port {port}; choose another port, or 0 for any free one")
+        }),
+    }
+}

@@ -1,0 +1,39 @@
+//! `hapticd config`: the documented example, and a check of one's own file.
+
+use std::path::PathBuf;
+
+use anyhow::Context;
+use clap::Args;
+
+use crate::config::{DeviceDefinition, EXAMPLE, ServerConfig};
+
+/// Print a commented configuration, or check one.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  hapticd config --example > hapticd.toml
+  hapticd config --check hapticd.toml")]
+#[group(required = true, multiple = false)]
+pub struct Config {
+    /// Print every key with its default and meaning
+    #[arg(long)]
+    example: bool,
+    /// Check a file and the device that it names
+    #[arg(long, value_name = "FILE")]
+    check: Option<PathBuf>,
+}
+
+impl Config {
+    /// Prints the example, or `ok`.
+    pub fn run(self) -> anyhow::Result<()> {
+        let Some(path) = self.check else {
+            print!("{EXAMPLE}");
+            return Ok(());
+        };
+        let text = std::fs::read_to_string(&path)
+            .with_context(|| format!("cannot read {}", path.display()))?;
+        let config = ServerConfig::from_toml(&text, &path.display().to_string())?;
+        let device = DeviceDefinition::load(&config.device)?;
+        println!("ok: {} serves devices/{} on {}", path.display(), device.name, config.listen);
+        Ok(())
+    }
+}

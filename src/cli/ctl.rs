@@ -1,0 +1,319 @@
+//! `hapticd ctl`: describe, watch and switch a running device, and edit its scene.
+
+use anyhow::{Context, bail};
+use clap::{Args, Subcommand};
+use serde_json::{Value, json};
+
+use super::{format, wall};
+use crate::client::{ConnectString, Services, services};
+use crate::proto::{
+    ActuatorKind, ActuatorState, ClearFaultRequest, ContactState, DeviceDescription, DeviceMode,
+    DeviceState, DisableRequest, EnableRequest, Fault, GetDescriptionRequest, GetStateRequest,
+    ListDevicesRequest, StopRequest, Vector3, WatchStateRequest,
+};
+
+/// Talk to the services of a running server.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  hapticd ctl describe
+  hapticd ctl state --watch
+  hapticd ctl stop
+  hapticd ctl wall add table --point 0,0.4,0 --normal=0,-1,0 --stiffness 5000")]
+pub struct Ctl {
+    /// Where the server is: the line that `serve` prints, or HOST:PORT of its stream
+    #[arg(long, global = true, value_name = "STRING", default_value = "127.0.0.1:7351")]
+    connect: ConnectString,
+    /// Which device, where there are several
+    #[arg(long, global = true, value_name = "NAME")]
+    device: Option<String>,
+    /// Print JSON
+    #[arg(long, global = true)]
+    json: bool,
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(Debug, Subcommand)]
+enum Action {
+    /// What the device is
+    Describe,
+    /// What it senses and does
+    State {
+        /// Again and again, until Ctrl-C
+        #[arg(long)]
+        watch: bool,
+        /// Milliseconds between two lines
+        #[arg(long, value_name = "MS", default_value_t = 200)]
+        interval: u32,
+    },
+    /// Begin to render forces
+    Enable,
+    /// Release everything
+    Disable,
+    /// Stop now; leave with `disable`
+    Stop,
+    /// Leave a fault, once its cause is gone
+    ClearFault,
+    Wall(wall::WallCommand),
+}
+
+impl Ctl {
+    /// Does it and prints the answer.
+    pub fn run(self) -> anyhow::Result<()> {
+        super::runtime()?.block_on(self.act())
+    }
+
+    async fn act(self) -> anyhow::Result<()> {
+        let authority = self.connect.grpc_authority();
+        let mut services = services(&self.connect).await.with_context(|| {
+            format!("cannot reach the services at {authority}; is `hapticd serve` running?")
+        })?;
+        let name = device_name(&mut services, self.device.as_deref()).await?;
+        let devices = &mut services.devices;
+        let mode = match self.action {
+            Action::Describe => {
+                let description = devices.get_description(GetDescriptionRequest { name }).await;
+                print_description(&description.map_err(plain)?.into_inner(), self.json);
+                return Ok(());
+            }
+            Action::State { watch: false, .. } => {
+                let state = devices.get_state(GetStateRequest { name }).await.map_err(plain)?;
+                print_state(&state.into_inner(), self.json);
+                return Ok(());
+            }
+            Action::State { watch: true, interval } => {
+                return watch(&mut services, name, interval, self.json).await;
+            }
+            Action::Wall(command) => {
+                return command.run(&mut services.scenes, &name, self.json).await;
+            }
+            Action::Enable => devices.enable(EnableRequest { name }).await,
+            Action::Disable => devices.disable(DisableRequest { name }).await,
+            Action::Stop => devices.stop(StopRequest { name }).await,
+            Action::ClearFault => devices.clear_fault(ClearFaultRequest { name }).await,
+        };
+        print_mode(&mode.map_err(plain)?.into_inner(), self.json);
+        Ok(())
+    }
+}
+
+/// A refusal in the server's own words.
+pub fn plain(status: tonic::Status) -> anyhow::Error {
+    anyhow::anyhow!("{} ({})", status.message(), format::word(&format!("{:?}", status.code()), ""))
+}
+
+async fn device_name(services: &mut Services, wanted: Option<&str>) -> anyhow::Result<String> {
+    if let Some(name) = wanted {
+        return Ok(format!("devices/{}", name.trim_start_matches("devices/")));
+    }
+    let devices = services.devices.list_devices(ListDevicesRequest {}).await.map_err(plain)?;
+    let mut names = devices.into_inner().devices.into_iter().map(|device| device.name);
+    match (names.next(), names.next()) {
+        (Some(only), None) => Ok(only),
+        (None, _) => bail!("the server has no device"),
+        _ => bail!("the server has several devices: say which with --device"),
+    }
+}
+
+fn print_mode(mode: &DeviceMode, as_json: bool) {
+    let word = format::mode(mode.mode());
+    if as_json {
+        println!("{}", json!({ "name": mode.name, "mode": word }));
+    } else {
+        println!("{}: {word}", mode.name);
+    }
+}
+
+async fn watch(
+    services: &mut Services,
+    name: String,
+    interval_ms: u32,
+    as_json: bool,
+) -> anyhow::Result<()> {
+    let request = WatchStateRequest { name, interval_ms };
+    let mut states = services.devices.watch_state(request).await.map_err(plain)?.into_inner();
+    loop {
+        tokio::select! {
+            state = states.message() => match state.map_err(plain)? {
+                Some(state) if as_json => println!("{}", state_json(&state)),
+                Some(state) => println!("{}", state_line(&state)),
+                None => bail!("the server ended"),
+            },
+            signal = tokio::signal::ctrl_c() => return Ok(signal?),
+        }
+    }
+}
+
+fn print_description(description: &DeviceDescription, as_json: bool) {
+    let kind = |kind: ActuatorKind| format::word(kind.as_str_name(), "ACTUATOR_KIND_");
+    if as_json {
+        let actuators: Vec<Value> = description
+            .actuators
+            .iter()
+            .map(|a| json!({ "name": a.name, "kind": kind(a.kind()), "max_torque_nm": a.max_torque_nm, "lag_s": a.lag_s, "counts_per_revolution": a.counts_per_revolution }))
+            .collect();
+        let parameters: serde_json::Map<_, _> =
+            description.parameters.iter().map(|(k, v)| (k.clone(), json!(v))).collect();
+        println!(
+            "{}",
+            json!({
+                "name": description.name,
+                "mechanism": description.mechanism,
+                "simulated": description.simulated,
+                "actuated_freedoms": description.actuated_freedoms,
+                "tick_period_s": description.tick_period_s,
+                "hand_force_sensor": description.hand_force_sensor,
+                "force_limit_n": description.force_limit_n,
+                "workspace_radius_m": [description.workspace_min_radius_m, description.workspace_max_radius_m],
+                "handle_mass_kg": description.handle_mass_kg,
+                "actuators": actuators,
+                "parameters": parameters,
+            })
+        );
+        return;
+    }
+    let simulated = if description.simulated { ", simulated" } else { "" };
+    let sensor = if description.hand_force_sensor { "with" } else { "without" };
+    println!(
+        "{} ({}{simulated}), {} freedoms",
+        description.name, description.mechanism, description.actuated_freedoms
+    );
+    println!(
+        "  tick {:.3} ms, {sensor} a force sensor, requests up to {} N",
+        description.tick_period_s * 1e3,
+        description.force_limit_n
+    );
+    println!(
+        "  reaches {:.3} to {:.3} m, {} kg at the handle",
+        description.workspace_min_radius_m,
+        description.workspace_max_radius_m,
+        description.handle_mass_kg
+    );
+    for actuator in &description.actuators {
+        println!(
+            "  {}: {}, {} N m, lag {} ms, {} counts",
+            actuator.name,
+            kind(actuator.kind()),
+            actuator.max_torque_nm,
+            actuator.lag_s * 1e3,
+            actuator.counts_per_revolution
+        );
+    }
+    let mut parameters: Vec<_> = description.parameters.iter().collect();
+    parameters.sort_by(|a, b| a.0.cmp(b.0));
+    for (name, value) in parameters {
+        println!("  {name} = {value}");
+    }
+}
+
+fn array(v: Option<&Vector3>) -> Value {
+    v.map_or(Value::Null, |v| json!([v.x, v.y, v.z]))
+}
+
+fn state_json(state: &DeviceState) -> Value {
+    let force = |wrench: &Option<crate::proto::Wrench>| {
+        array(wrench.as_ref().and_then(|w| w.force_n.as_ref()))
+    };
+    let contact = |c: &ContactState| json!({ "name": c.name, "depth_m": c.depth_m, "normal_n": c.normal_n, "friction_n": c.friction_n });
+    let actuator = |a: &ActuatorState| json!({ "name": a.name, "angle_rad": a.angle_rad, "rate_rad_per_s": a.rate_rad_per_s, "lower_nm": a.lower_nm, "upper_nm": a.upper_nm, "commanded_nm": a.commanded_nm });
+    json!({
+        "name": state.name,
+        "mode": format::mode(state.mode()),
+        "fault": (state.fault() != Fault::Unspecified).then(|| format::word(state.fault().as_str_name(), "FAULT_")),
+        "tick": state.tick,
+        "position_m": array(state.measured_cp.as_ref().and_then(|pose| pose.position_m.as_ref())),
+        "velocity_m_per_s": array(state.measured_cv.as_ref().and_then(|twist| twist.linear_m_per_s.as_ref())),
+        "hand_force_n": force(&state.measured_cf),
+        "requested_n": force(&state.requested),
+        "achievable_n": force(&state.achievable),
+        "rendered_n": force(&state.rendered),
+        "region": format::word(state.region().as_str_name(), "REGION_"),
+        "approximation_angle_rad": state.approximation_angle_rad,
+        "stuck": state.stuck,
+        "limits": state.limits().map(|limit| format::word(limit.as_str_name(), "LIMIT_")).collect::<Vec<_>>(),
+        "law": format::law(state.law()),
+        "scene_revision": state.scene_revision,
+        "contacts": state.contacts.iter().map(contact).collect::<Vec<_>>(),
+        "actuators": state.actuators.iter().map(actuator).collect::<Vec<_>>(),
+    })
+}
+
+fn state_line(state: &DeviceState) -> String {
+    let position = state.measured_cp.as_ref().and_then(|pose| pose.position_m.as_ref());
+    let force = |wrench: &Option<crate::proto::Wrench>| {
+        let force = wrench.as_ref().and_then(|wrench| wrench.force_n.as_ref());
+        force.map_or("?".to_owned(), |force| format!("{:.1}", format::norm(force)))
+    };
+    format!(
+        "{} at {} m  asked {} N, chosen {} N, felt {} N  {}{}",
+        format::mode(state.mode()),
+        format::vector(position, 4),
+        force(&state.requested),
+        force(&state.achievable),
+        force(&state.rendered),
+        format::law(state.law()),
+        if state.stuck { "  STUCK" } else { "" },
+    )
+}
+
+fn print_state(state: &DeviceState, as_json: bool) {
+    if as_json {
+        println!("{}", state_json(state));
+        return;
+    }
+    let force = |wrench: &Option<crate::proto::Wrench>| {
+        format::vector(wrench.as_ref().and_then(|wrench| wrench.force_n.as_ref()), 2)
+    };
+    println!("{}: {}, tick {}", state.name, format::mode(state.mode()), state.tick);
+    if state.fault() != Fault::Unspecified {
+        println!("  fault       {}", format::word(state.fault().as_str_name(), "FAULT_"));
+    }
+    println!(
+        "  position    {} m",
+        format::vector(state.measured_cp.as_ref().and_then(|pose| pose.position_m.as_ref()), 4)
+    );
+    println!(
+        "  velocity    {} m/s",
+        format::vector(
+            state.measured_cv.as_ref().and_then(|twist| twist.linear_m_per_s.as_ref()),
+            3
+        )
+    );
+    println!("  hand        {} N", force(&state.measured_cf));
+    println!("  requested   {} N", force(&state.requested));
+    println!("  achievable  {} N", force(&state.achievable));
+    println!(
+        "  rendered    {} N ({})",
+        force(&state.rendered),
+        format::word(state.rendered_source().as_str_name(), "RENDERED_SOURCE_")
+    );
+    println!("  region      {}", format::region(state.region()));
+    if let Some(angle_rad) = state.approximation_angle_rad {
+        println!("  approx.     {:.1} deg from what was asked", angle_rad.to_degrees());
+    }
+    println!(
+        "  law         {}{}",
+        format::law(state.law()),
+        if state.stuck { ", stuck" } else { "" }
+    );
+    println!("  limits      {}", format::limits(state.limits()));
+    println!("  scene       revision {}", state.scene_revision);
+    for contact in &state.contacts {
+        println!(
+            "  touching    {}: {:.3} mm deep, {:.1} N",
+            contact.name,
+            contact.depth_m * 1e3,
+            contact.normal_n
+        );
+    }
+    for actuator in &state.actuators {
+        println!(
+            "  {:<11} {:.3} N m of [{:.1}, {:.1}], {:.3} rad/s",
+            actuator.name,
+            actuator.commanded_nm,
+            actuator.lower_nm,
+            actuator.upper_nm,
+            actuator.rate_rad_per_s
+        );
+    }
+}

@@ -1,0 +1,178 @@
+//! `hapticd demo`: a daemon, a simulated hand, and a scene in a process of its own.
+
+use std::io::IsTerminal;
+use std::path::PathBuf;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, ensure};
+use clap::{Args, Subcommand};
+
+use super::view;
+use crate::app::{Daemon, RunEnd, Start, init_log};
+use crate::config::{LogLevel, ServerConfig};
+use crate::device::HandProgram;
+use crate::telemetry::{RunFigures, SessionFigures};
+
+/// Time for the scene to say goodbye by itself before it is ended.
+const FAREWELL: Duration = Duration::from_secs(2);
+
+/// See a device at work: daemon, simulated hand and a scene over a real socket.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  hapticd demo wall
+  hapticd demo wall --seconds 10 --json")]
+pub struct Demo {
+    #[command(subcommand)]
+    demo: Which,
+}
+
+#[derive(Debug, Subcommand)]
+enum Which {
+    Wall(Wall),
+}
+
+/// The experiment of Cho 2005: a hand presses 10 N into a wall at x = 0.3 m of 1e7 N/m and
+/// slides along it in -y at 0.1 m/s.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  hapticd demo wall
+  hapticd demo wall --seconds 10 --json
+  hapticd demo wall --device cho-2005-unoptimised --seconds 20")]
+struct Wall {
+    /// End after this time; without it, at Ctrl-C or q
+    #[arg(long, value_name = "N")]
+    seconds: Option<f64>,
+    /// Print the run's figures as one JSON object, and nothing else, on stdout
+    #[arg(long)]
+    json: bool,
+    /// Built-in device or device file
+    #[arg(long, value_name = "NAME|FILE", default_value = "cho-2005")]
+    device: String,
+    /// Program of the simulated hand: hold, press-and-slide, circle, random
+    #[arg(long, value_name = "PROGRAM", default_value = "press-and-slide")]
+    hand: HandProgram,
+    /// Keep state here instead of in a folder that is removed afterwards
+    #[arg(long, value_name = "DIR")]
+    state_dir: Option<PathBuf>,
+}
+
+impl Demo {
+    /// Runs until its time is over or it is ended.
+    pub fn run(self) -> anyhow::Result<()> {
+        let Which::Wall(wall) = self.demo;
+        wall.run()
+    }
+}
+
+impl Wall {
+    fn run(self) -> anyhow::Result<()> {
+        if let Some(seconds) = self.seconds {
+            ensure!(
+                seconds > 0.0 && seconds <= 86_400.0,
+                "--seconds {seconds}: must be more than 0, at most 86400"
+            );
+        }
+        let scratch = tempfile::tempdir().context("no folder for the demo's state")?;
+        let state_dir = self.state_dir.clone().unwrap_or_else(|| scratch.path().to_owned());
+        let mut config = ServerConfig {
+            device: self.device.clone(),
+            hand: self.hand,
+            state_dir: Some(state_dir),
+            ..ServerConfig::default()
+        };
+        config.log.level = LogLevel::Warn;
+        init_log(&config.log);
+        let daemon = Daemon::start(&config, Start { or_free_ports: true })?;
+        if !self.json {
+            announce(&daemon);
+        }
+        let mut scene = Scene::start(&daemon)?;
+        let until = self.seconds.map(|seconds| Instant::now() + Duration::from_secs_f64(seconds));
+        let live = !self.json && std::io::stdout().is_terminal();
+        if live {
+            view::live(&daemon, until, &mut || scene.check())?;
+        } else {
+            view::plain(&daemon, until, self.json, &mut || scene.check())?;
+        }
+        scene.stop();
+        print(&figures(daemon.stop()), self.json)
+    }
+}
+
+fn announce(daemon: &Daemon) {
+    eprintln!("stream   {}", daemon.connect_string());
+    eprintln!("gRPC     {}", daemon.grpc_address);
+    eprintln!("metrics  http://{}/metrics", daemon.http_address);
+}
+
+fn figures(end: RunEnd) -> RunFigures {
+    let round_trips = end.round_trips_ns.filter(|round_trips| !round_trips.is_empty());
+    let us = |quantile| round_trips.as_ref().map(|ns| ns.value_at_quantile(quantile) as f64 * 1e-3);
+    end.summary.figures(&SessionFigures { rtt_p50_us: us(0.5), rtt_p99_us: us(0.99) })
+}
+
+fn print(figures: &RunFigures, as_json: bool) -> anyhow::Result<()> {
+    if as_json {
+        println!("{}", serde_json::to_string(figures)?);
+        return Ok(());
+    }
+    let value = serde_json::to_value(figures)?;
+    println!();
+    for (name, value) in value.as_object().into_iter().flatten() {
+        println!("{name:<30} {value}");
+    }
+    Ok(())
+}
+
+/// The scene's process.
+struct Scene {
+    child: Child,
+}
+
+impl Scene {
+    fn start(daemon: &Daemon) -> anyhow::Result<Self> {
+        let program = std::env::current_exe().context("cannot find this program")?;
+        let child = Command::new(program)
+            .args(["scene", "wall", "--connect", &daemon.connect_string().to_string()])
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .context("cannot start the scene's process")?;
+        Ok(Self { child })
+    }
+
+    /// Fails when the scene has ended by itself.
+    fn check(&mut self) -> anyhow::Result<()> {
+        let ended = self.child.try_wait()?;
+        match ended {
+            None => Ok(()),
+            Some(status) => anyhow::bail!("the scene's process ended early: {status}"),
+        }
+    }
+
+    /// Asks it to end, and ends it if it does not.
+    fn stop(&mut self) {
+        if let Some(pid) = rustix::process::Pid::from_raw(self.child.id() as i32) {
+            let _ = rustix::process::kill_process(pid, rustix::process::Signal::INT);
+        }
+        let deadline = Instant::now() + FAREWELL;
+        while Instant::now() < deadline {
+            if !matches!(self.child.try_wait(), Ok(None)) {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+impl Drop for Scene {
+    fn drop(&mut self) {
+        if matches!(self.child.try_wait(), Ok(None)) {
+            self.stop();
+        }
+    }
+}

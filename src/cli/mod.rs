@@ -1,0 +1,58 @@
+//! The commands. Each reads its arguments, calls the parts, and prints; none of them decides
+//! anything about forces. Results go to stdout, everything else to stderr.
+
+mod config;
+mod ctl;
+mod demo;
+mod format;
+mod ping;
+mod scene;
+mod serve;
+mod view;
+mod wall;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Networked haptic server: renders the best achievable force at 1 kHz, and tells why.
+#[derive(Debug, Parser)]
+#[command(name = "hapticd", version, after_help = "Begin with:  hapticd demo wall")]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Serve(serve::Serve),
+    Demo(demo::Demo),
+    Scene(scene::Scene),
+    Ctl(ctl::Ctl),
+    Ping(ping::Ping),
+    Config(config::Config),
+}
+
+/// Runs the command line; errors end on stderr with exit code 1.
+pub fn run() -> ExitCode {
+    let result = match Cli::parse().command {
+        Command::Serve(command) => command.run(),
+        Command::Demo(command) => command.run(),
+        Command::Scene(command) => command.run(),
+        Command::Ctl(command) => command.run(),
+        Command::Ping(command) => command.run(),
+        Command::Config(command) => command.run(),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("hapticd: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// A runtime for a command that talks to a server.
+fn runtime() -> anyhow::Result<tokio::runtime::Runtime> {
+    Ok(tokio::runtime::Builder::new_current_thread().enable_all().build()?)
+}

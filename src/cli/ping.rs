@@ -1,0 +1,117 @@
+//! `hapticd ping`: the round trip to a server's stream, and a word on it.
+
+use std::time::Duration;
+
+use anyhow::{Context, ensure};
+use clap::Args;
+use hdrhistogram::Histogram;
+use serde_json::json;
+
+use crate::client::{Client, ConnectString, Incoming, Options};
+use crate::proto::Role;
+use crate::telemetry::durations_ns;
+
+/// Measure the round trip to a server's stream thread.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  hapticd ping 127.0.0.1:7351
+  hapticd ping 'hapticd://127.0.0.1:7351/?sha256=...' --seconds 10 --json")]
+pub struct Ping {
+    /// Where the server is: the line that `serve` prints, or HOST:PORT on this machine
+    #[arg(value_name = "TARGET", default_value = "127.0.0.1:7351")]
+    target: ConnectString,
+    /// How long to measure
+    #[arg(long, value_name = "N", default_value_t = 3.0)]
+    seconds: f64,
+    /// Pings per second, 1 to 1000
+    #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    rate: u32,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+impl Ping {
+    /// Measures and prints.
+    pub fn run(self) -> anyhow::Result<()> {
+        ensure!(
+            self.seconds > 0.0 && self.seconds <= 86_400.0,
+            "--seconds {}: must be more than 0, at most 86400",
+            self.seconds
+        );
+        super::runtime()?.block_on(self.measure())
+    }
+
+    async fn measure(self) -> anyhow::Result<()> {
+        // Few States, so that the pings measure the way and not each other's company.
+        let state_interval = Duration::from_millis(100);
+        let options = Options { state_interval, ..Options::new("hapticd ping", Role::Observer) };
+        let mut client = Client::connect(&self.target, options).await?;
+        let mut round_trips_ns = durations_ns();
+        let mut sent = 0u64;
+        let mut pace = tokio::time::interval(Duration::from_secs(1) / self.rate);
+        let over = tokio::time::sleep(Duration::try_from_secs_f64(self.seconds)?);
+        tokio::pin!(over);
+        loop {
+            tokio::select! {
+                biased;
+                incoming = client.next() => {
+                    if let Incoming::RoundTrip(time) = incoming? {
+                        round_trips_ns.saturating_record(time.as_nanos() as u64);
+                    }
+                }
+                _ = pace.tick() => {
+                    client.send_ping()?;
+                    sent += 1;
+                }
+                () = &mut over => break,
+            }
+        }
+        // The client pings by itself too; every answer counts, and so does every question.
+        let sent = sent.max(round_trips_ns.len());
+        client.close().await;
+        self.print(sent, &round_trips_ns)
+    }
+
+    fn print(&self, sent: u64, round_trips_ns: &Histogram<u64>) -> anyhow::Result<()> {
+        let answered = round_trips_ns.len();
+        ensure!(answered > 0, "no ping was answered in {} s", self.seconds);
+        let us = |quantile| round_trips_ns.value_at_quantile(quantile) as f64 * 1e-3;
+        if self.json {
+            let figures = json!({
+                "sent": sent,
+                "answered": answered,
+                "rtt_min_us": round_trips_ns.min() as f64 * 1e-3,
+                "rtt_p50_us": us(0.5),
+                "rtt_p99_us": us(0.99),
+                "rtt_max_us": round_trips_ns.max() as f64 * 1e-3,
+            });
+            println!("{figures}");
+            return Ok(());
+        }
+        let lost = 100.0 * (sent - answered) as f64 / sent as f64;
+        println!("{answered} of {sent} pings answered ({lost:.1} % lost)");
+        println!(
+            "round trip: p50 {:.0} us, p99 {:.0} us, worst {:.0} us",
+            us(0.5),
+            us(0.99),
+            us(1.0)
+        );
+        println!("{}", verdict(us(0.5), us(0.99)).context("no figure")?);
+        Ok(())
+    }
+}
+
+/// What the figures mean to a scene that answers every State.
+fn verdict(p50_us: f64, p99_us: f64) -> Option<&'static str> {
+    let words = [
+        (p99_us < 500.0, "a scene's command arrives before the next tick at 1 kHz"),
+        (p99_us < 20_000.0, "good for streamed contacts: they are rendered at the device"),
+        (
+            p50_us < 100_000.0,
+            "contacts work with a longer time-to-live; expect walls to arrive late",
+        ),
+        (true, "too slow for anything but configuration"),
+    ];
+    words.into_iter().find(|(fits, _)| *fits).map(|(_, words)| words)
+}

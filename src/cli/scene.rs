@@ -1,0 +1,125 @@
+//! `hapticd scene`: simulators that connect to a server.
+
+use std::time::Duration;
+
+use clap::{Args, Subcommand};
+
+use crate::app::signalled;
+use crate::client::{Client, ClientError, ConnectString, Incoming, Options};
+use crate::proto::{Contact, HalfSpaceContact, Role, contact::Shape};
+
+/// Run a scene against a server.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:
+  hapticd scene wall --connect 127.0.0.1:7351 --seconds 30")]
+pub struct Scene {
+    #[command(subcommand)]
+    scene: Which,
+}
+
+#[derive(Debug, Subcommand)]
+enum Which {
+    Wall(Wall),
+}
+
+/// The wall of Cho 2005: x = 0.3 m, felt from the side of smaller x, 1e7 N/m.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  hapticd scene wall --connect 127.0.0.1:7351 --seconds 30
+  hapticd scene wall --connect 'hapticd://127.0.0.1:7351/?sha256=...' --stiffness 500")]
+struct Wall {
+    /// Where the server is: the line that `serve` prints, or HOST:PORT on this machine
+    #[arg(long, value_name = "STRING", default_value = "127.0.0.1:7351")]
+    connect: ConnectString,
+    /// Transport of the stream
+    #[arg(long, default_value = "quic", value_parser = ["quic"])]
+    transport: String,
+    /// End after this time; without it, at Ctrl-C
+    #[arg(long, value_name = "N")]
+    seconds: Option<f64>,
+    /// Where the wall stands, metres
+    #[arg(long, default_value_t = WALL_X_M, allow_negative_numbers = true)]
+    x: f32,
+    /// Its stiffness, N/m
+    #[arg(long, default_value_t = 1e7)]
+    stiffness: f32,
+    /// Its damping, N s/m
+    #[arg(long, default_value_t = 0.0)]
+    damping: f32,
+    /// Its friction coefficient
+    #[arg(long, default_value_t = 0.0)]
+    friction: f32,
+}
+
+/// Where the wall of the experiment stands, metres (Cho 2005, section 8.1).
+pub const WALL_X_M: f32 = 0.3;
+
+/// A wall holds this long without a newer command; a scene that hangs loses it soon.
+const TTL_MS: u32 = 100;
+
+impl Scene {
+    /// Runs until its time is over, Ctrl-C, or the server ends.
+    pub fn run(self) -> anyhow::Result<()> {
+        let Which::Wall(wall) = self.scene;
+        super::runtime()?.block_on(wall.run())
+    }
+}
+
+impl Wall {
+    async fn run(self) -> anyhow::Result<()> {
+        let options = Options::new("hapticd scene wall", Role::Controller);
+        let mut client = Client::connect(&self.connect, options).await?;
+        let device = client.welcome().device.clone();
+        eprintln!("scene wall: commanding {device}, wall at x = {} m", self.x);
+        let over = async {
+            match self.seconds {
+                Some(seconds) => {
+                    tokio::time::sleep(Duration::try_from_secs_f64(seconds)?).await;
+                    Ok(())
+                }
+                None => signalled().await,
+            }
+        };
+        tokio::pin!(over);
+        let mut commands = 0u64;
+        loop {
+            tokio::select! {
+                biased;
+                incoming = client.next() => match incoming {
+                    Ok(Incoming::State(state)) => {
+                        client.send_contacts(state.seq, TTL_MS, vec![self.contact()])?;
+                        commands += 1;
+                    }
+                    Ok(Incoming::Event(_) | Incoming::RoundTrip(_)) => {}
+                    Err(ClientError::Bye { detail, .. }) => {
+                        eprintln!("scene wall: the server ended the session: {detail}");
+                        break;
+                    }
+                    Err(error) => return Err(error.into()),
+                },
+                done = &mut over => {
+                    done?;
+                    client.close().await;
+                    break;
+                }
+            }
+        }
+        eprintln!("scene wall: {commands} commands sent");
+        Ok(())
+    }
+
+    fn contact(&self) -> Contact {
+        let half_space =
+            HalfSpaceContact { point_m: vec![self.x, 0.0, 0.0], normal: vec![-1.0, 0.0, 0.0] };
+        Contact {
+            id: 1,
+            revision: 1,
+            shape: Some(Shape::HalfSpace(half_space)),
+            stiffness_n_per_m: self.stiffness,
+            damping_ns_per_m: self.damping,
+            friction: self.friction,
+            hollow: false,
+            blend_ms: 10,
+        }
+    }
+}

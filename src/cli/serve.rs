@@ -1,0 +1,95 @@
+//! `hapticd serve`: the daemon.
+
+use std::io::Write;
+use std::net::IpAddr;
+use std::path::PathBuf;
+
+use anyhow::Context;
+use clap::Args;
+
+use crate::app::{Daemon, Start, init_log};
+use crate::config::{Overrides, ServerConfig};
+use crate::device::HandProgram;
+
+/// Serve a device: stream, services, metrics. Without anything else, a simulated Cho-2005
+/// device with a simulated hand, on this machine only.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  hapticd serve
+  hapticd serve --device two-link --hand circle
+  hapticd serve --config hapticd.toml --state-dir /var/lib/hapticd
+
+Then, in another terminal:  hapticd scene wall --connect 127.0.0.1:7351 --seconds 30")]
+pub struct Serve {
+    #[command(flatten)]
+    pub settings: Settings,
+}
+
+/// What commands that start a daemon have in common.
+#[derive(Debug, Args)]
+pub struct Settings {
+    /// Configuration file; `hapticd config --example` prints one
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Built-in device (cho-2005, cho-2005-unoptimised, cho-2005-crossed, two-link) or a device file
+    #[arg(long, value_name = "NAME|FILE")]
+    pub device: Option<String>,
+    /// Program of the simulated hand: hold, press-and-slide, circle, random
+    #[arg(long, value_name = "PROGRAM")]
+    pub hand: Option<HandProgram>,
+    /// Where scenes and the server's identity are kept
+    #[arg(long, value_name = "DIR")]
+    pub state_dir: Option<PathBuf>,
+    /// Address to listen on
+    #[arg(long, value_name = "ADDRESS")]
+    pub listen: Option<IpAddr>,
+    /// Listen beyond this machine without credentials
+    #[arg(long)]
+    pub insecure: bool,
+}
+
+impl Settings {
+    /// The configuration that they amount to.
+    pub fn server_config(&self) -> anyhow::Result<ServerConfig> {
+        let (text, file) = match &self.config {
+            None => (String::new(), "(no file)".to_owned()),
+            Some(path) => {
+                let text = std::fs::read_to_string(path)
+                    .with_context(|| format!("cannot read {}", path.display()))?;
+                (text, path.display().to_string())
+            }
+        };
+        let overrides = Overrides {
+            device: self.device.clone(),
+            hand: self.hand,
+            state_dir: self.state_dir.clone(),
+            listen: self.listen,
+            insecure: self.insecure,
+        };
+        Ok(ServerConfig::with_overrides(&text, &file, overrides)?)
+    }
+}
+
+impl Serve {
+    /// Serves until Ctrl-C or SIGTERM.
+    pub fn run(self) -> anyhow::Result<()> {
+        let config = self.settings.server_config()?;
+        init_log(&config.log);
+        let daemon = Daemon::start(&config, Start::default())?;
+        // Plain, alone on its line and flushed: programs read it.
+        let mut out = std::io::stdout().lock();
+        writeln!(out, "{}", daemon.connect_string())?;
+        out.flush()?;
+        drop(out);
+        tracing::info!(
+            device = %daemon.host().definition().name,
+            grpc = %daemon.grpc_address,
+            http = %format!("http://{}/metrics", daemon.http_address),
+            "serving; Ctrl-C stops"
+        );
+        daemon.wait_for_signal()?;
+        tracing::info!("stopping");
+        daemon.stop();
+        Ok(())
+    }
+}

@@ -1,0 +1,263 @@
+//! What a demo shows while it runs: a picture of the device on a terminal, plain lines else.
+
+use std::time::{Duration, Instant};
+
+use ratatui::Frame;
+use ratatui::crossterm::event::{self, Event, KeyCode, KeyModifiers};
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::{Color, Style, Stylize};
+use ratatui::symbols::Marker;
+use ratatui::text::{Line, Span};
+use ratatui::widgets::canvas::{Canvas, Context, Line as Stroke};
+use ratatui::widgets::{Block, Paragraph};
+
+use super::format;
+use crate::app::{Daemon, signalled};
+use crate::control::{Limit, Report};
+use crate::mechanism::Mechanism;
+use crate::proto;
+use crate::telemetry::{RunFigures, SessionFigures};
+
+/// Pictures per second: smooth to the eye, nothing to a processor.
+const FRAME: Duration = Duration::from_millis(50);
+
+/// Length that one newton has in the picture.
+const M_PER_N: f64 = 0.004;
+
+/// Longest arrow in the picture.
+const LONGEST_M: f64 = 0.25;
+
+/// Called between pictures; an error ends the view.
+type Check<'a> = &'a mut dyn FnMut() -> anyhow::Result<()>;
+
+/// Draws until `until`, q, Ctrl-C or a failed check.
+pub fn live(daemon: &Daemon, until: Option<Instant>, check: Check) -> anyhow::Result<()> {
+    let mut terminal = ratatui::try_init()?;
+    let result = (|| loop {
+        check()?;
+        let figures = figures(daemon);
+        let report = daemon.host().report();
+        terminal.draw(|frame| draw(frame, daemon, &report, &figures))?;
+        if until.is_some_and(|until| Instant::now() >= until) || quit_pressed()? {
+            return Ok(());
+        }
+    })();
+    ratatui::restore();
+    result
+}
+
+/// Waits for a frame's time; true when the user wants to leave.
+fn quit_pressed() -> anyhow::Result<bool> {
+    if !event::poll(FRAME)? {
+        return Ok(false);
+    }
+    Ok(match event::read()? {
+        Event::Key(key) => {
+            let interrupt =
+                key.modifiers.contains(KeyModifiers::CONTROL) && key.code == KeyCode::Char('c');
+            interrupt || matches!(key.code, KeyCode::Char('q') | KeyCode::Esc)
+        }
+        _ => false,
+    })
+}
+
+/// One line a second (on stderr when stdout is for JSON) until `until` or a signal.
+pub fn plain(
+    daemon: &Daemon,
+    until: Option<Instant>,
+    quiet_stdout: bool,
+    check: Check,
+) -> anyhow::Result<()> {
+    super::runtime()?.block_on(async {
+        let signal = signalled();
+        tokio::pin!(signal);
+        loop {
+            let second = Instant::now() + Duration::from_secs(1);
+            let next = until.map_or(second, |until| until.min(second));
+            tokio::select! {
+                signal = &mut signal => return signal,
+                () = tokio::time::sleep_until(next.into()) => {}
+            }
+            check()?;
+            let line = line(&daemon.host().report(), &figures(daemon));
+            if quiet_stdout {
+                eprintln!("{line}")
+            } else {
+                println!("{line}")
+            }
+            if until.is_some_and(|until| Instant::now() >= until) {
+                return Ok(());
+            }
+        }
+    })
+}
+
+fn figures(daemon: &Daemon) -> RunFigures {
+    daemon.summary().figures(&SessionFigures::default())
+}
+
+fn line(report: &Report, figures: &RunFigures) -> String {
+    format!(
+        "tick {:>7}  x {:.4} y {:+.4} m  hand {:>5.1} N  {:<16} wakeup p99 {:>5.0} us  next-tick {}{}",
+        report.tick,
+        report.p_WT_m.x,
+        report.p_WT_m.y,
+        report.hand.map_or(f64::NAN, |hand| hand.force_N.norm()),
+        region_word(report),
+        figures.wakeup_p99_us,
+        percent(figures.command_lag_one_ratio),
+        if report.stuck { "  STUCK" } else { "" },
+    )
+}
+
+fn percent(share: Option<f64>) -> String {
+    share.map_or("-".into(), |share| format!("{:.2} %", share * 100.0))
+}
+
+fn region_word(report: &Report) -> String {
+    report.region.map_or("-".into(), |region| format::word(region.name(), ""))
+}
+
+fn draw(frame: &mut Frame, daemon: &Daemon, report: &Report, figures: &RunFigures) {
+    let [picture, side] =
+        Layout::horizontal([Constraint::Min(40), Constraint::Length(44)]).areas(frame.area());
+    let device = daemon.host().definition();
+    draw_device(frame, picture, device.mechanism.as_ref(), report);
+    let [forces, brakes, latency] = Layout::vertical([
+        Constraint::Length(13),
+        Constraint::Length(3 + device.actuator_names.len() as u16),
+        Constraint::Min(8),
+    ])
+    .areas(side);
+    frame.render_widget(forces_panel(report), forces);
+    let names = device.actuator_names.iter().map(|name| name.as_str());
+    let most_Nm = device.actuators.max_torque_Nm.as_slice();
+    frame.render_widget(brakes_panel(report, names, most_Nm), brakes);
+    frame.render_widget(latency_panel(daemon, figures), latency);
+}
+
+fn draw_device(frame: &mut Frame, area: Rect, mechanism: &dyn Mechanism, report: &Report) {
+    let reach_m = mechanism.reach_m().1.max(0.1);
+    // Cells are about twice as high as wide; keep a metre a metre.
+    let height_m = 1.1 * reach_m;
+    let aspect = f64::from(area.width) / (2.0 * f64::from(area.height).max(1.0));
+    let width_m = height_m * aspect;
+    let centre_m = [0.3 * reach_m, 0.1 * reach_m];
+    let paint = |canvas: &mut Context| {
+        draw_wall(canvas, reach_m);
+        if let Ok(posture) = mechanism.posture_at(&report.p_BH) {
+            let mut segments = [([0.0; 2], [0.0; 2]); 8];
+            let count = mechanism.outline(&posture, &mut segments);
+            for (from, to) in &segments[..count] {
+                canvas.draw(&Stroke::new(from[0], from[1], to[0], to[1], Color::Gray));
+            }
+        }
+        arrow(canvas, report, &report.requested.force_N, Color::Blue);
+        arrow(canvas, report, &report.achievable.force_N, Color::Yellow);
+        if let Some(hand) = report.hand {
+            arrow(canvas, report, &hand.force_N, Color::Red);
+        }
+        canvas.print(report.p_BH.x, report.p_BH.y, "●".white().bold());
+        canvas.print(0.0, 0.0, "◎".white());
+    };
+    let legend = Line::from(vec![
+        Span::styled(" hand ", Style::new().red()),
+        Span::styled(" asked ", Style::new().blue()),
+        Span::styled(" chosen ", Style::new().yellow()),
+        Span::styled(" wall ", Style::new().cyan()),
+        Span::raw(" q quits "),
+    ]);
+    let canvas = Canvas::default()
+        .block(Block::bordered().title(format!(" {} ", mechanism.name())).title_bottom(legend))
+        .marker(Marker::Braille)
+        .x_bounds([centre_m[0] - width_m, centre_m[0] + width_m])
+        .y_bounds([centre_m[1] - height_m, centre_m[1] + height_m])
+        .paint(paint);
+    frame.render_widget(canvas, area);
+}
+
+/// The demo's wall; the view belongs to the demo and knows its scene.
+fn draw_wall(canvas: &mut Context, reach_m: f64) {
+    let x_m = super::scene::WALL_X_M.into();
+    canvas.draw(&Stroke::new(x_m, -reach_m, x_m, reach_m, Color::Cyan));
+}
+
+fn arrow(canvas: &mut Context, report: &Report, force_N: &nalgebra::Vector3<f64>, color: Color) {
+    let length_m = (force_N.norm() * M_PER_N).min(LONGEST_M);
+    let along = force_N.try_normalize(1e-9).unwrap_or_default() * length_m;
+    let (x, y) = (report.p_BH.x, report.p_BH.y);
+    canvas.draw(&Stroke::new(x, y, x + along.x, y + along.y, color));
+}
+
+fn forces_panel(report: &Report) -> Paragraph<'static> {
+    let force = |force_N: f64| format!("{force_N:>9.2} N");
+    let mut lines = vec![
+        field("mode", format::mode(proto::Mode::from(report.mode))),
+        field("law", report.law.map_or("-".into(), |law| law.name().to_owned())),
+        field("region", region_word(report)),
+        field(
+            "off by",
+            report
+                .approximation_angle_rad
+                .map_or("-".into(), |a| format!("{:>7.1} deg", a.to_degrees())),
+        ),
+        field("hand", report.hand.map_or("unknown".into(), |hand| force(hand.force_N.norm()))),
+        field("asked", force(report.requested.force_N.norm())),
+        field("chosen", force(report.achievable.force_N.norm())),
+        field("felt", force(report.rendered.force_N.norm())),
+        field("depth", format!("{:>9.3} mm", deepest_mm(report))),
+        field("limits", limits(report)),
+    ];
+    if report.stuck {
+        lines.push(Line::from(" STUCK".red().bold()));
+    }
+    Paragraph::new(lines).block(Block::bordered().title(" forces "))
+}
+
+fn deepest_mm(report: &Report) -> f64 {
+    report.contacts().iter().map(|contact| contact.depth_m * 1e3).fold(0.0, f64::max)
+}
+
+fn limits(report: &Report) -> String {
+    let active = Limit::ALL.into_iter().filter(|limit| report.limits.contains(*limit));
+    let names: Vec<_> = active.map(Limit::name).collect();
+    if names.is_empty() { "none".into() } else { names.join(" ") }
+}
+
+fn brakes_panel<'a>(
+    report: &Report,
+    names: impl Iterator<Item = &'a str>,
+    most_Nm: &[f64],
+) -> Paragraph<'static> {
+    let bar = |(i, name): (usize, &str)| {
+        let commanded_Nm = report.commanded_Nm[i].abs();
+        let filled = (18.0 * commanded_Nm / most_Nm[i].max(1e-9)).round().clamp(0.0, 18.0) as usize;
+        Line::from(vec![
+            Span::raw(format!(" {name:<10}")),
+            Span::styled("█".repeat(filled), Style::new().yellow()),
+            Span::raw("·".repeat(18 - filled)),
+            Span::raw(format!(" {commanded_Nm:>5.1} N m")),
+        ])
+    };
+    let lines: Vec<_> = names.enumerate().map(bar).collect();
+    Paragraph::new(lines).block(Block::bordered().title(" actuators "))
+}
+
+fn latency_panel(daemon: &Daemon, figures: &RunFigures) -> Paragraph<'static> {
+    let us = |us: f64| format!("{us:>7.0} us");
+    let lines = vec![
+        field("wake-up p50", us(figures.wakeup_p50_us)),
+        field("wake-up p99", us(figures.wakeup_p99_us)),
+        field("tick p99", format!("{:>7.1} us", figures.tick_p99_us)),
+        field("overruns", format!("{:>7} of {}", figures.overruns, figures.ticks)),
+        field("next tick", percent(figures.command_lag_one_ratio)),
+        field("stuck", percent(Some(figures.stuck_ratio))),
+        field("deepest", format!("{:>7.3} mm", figures.penetration_max_mm)),
+        field("metrics", format!("http://{}", daemon.http_address)),
+    ];
+    Paragraph::new(lines).block(Block::bordered().title(" latency "))
+}
+
+fn field(name: &str, value: impl Into<String>) -> Line<'static> {
+    Line::from(vec![Span::raw(format!(" {name:<12}")).dark_gray(), Span::raw(value.into())])
+}

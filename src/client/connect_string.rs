@@ -1,0 +1,183 @@
+//! One string that connects every client and command:
+//! `hapticd://HOST:7351/?sha256=HEX&grpc=PORT`.
+//!
+//! `serve` prints it. `grpc` is left out where it is the usual port. On this machine a bare
+//! HOST:PORT, or just HOST, will do.
+
+use std::fmt;
+use std::net::IpAddr;
+use std::str::FromStr;
+
+/// UDP port of the stream.
+pub const DEFAULT_STREAM_PORT: u16 = 7351;
+/// TCP port of the services.
+pub const DEFAULT_GRPC_PORT: u16 = 7350;
+
+const SCHEME: &str = "hapticd";
+
+/// Where a server is and how to know it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ConnectString {
+    /// Name or address; IPv6 without brackets.
+    pub host: String,
+    /// UDP port of the stream.
+    pub stream_port: u16,
+    /// TCP port of the services.
+    pub grpc_port: u16,
+    /// SHA-256 of the server's certificate.
+    pub sha256: Option<[u8; 32]>,
+    /// Credential, where the server wants one.
+    pub token: Option<String>,
+}
+
+/// A connect string that cannot be read.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "connect string {text:?}: {what}; it looks like hapticd://HOST:7351/?sha256=HEX, or HOST:PORT on this machine"
+)]
+pub struct ConnectStringError {
+    text: String,
+    what: String,
+}
+
+impl ConnectString {
+    /// A server on this machine.
+    pub fn local(stream_port: u16, grpc_port: u16) -> Self {
+        let host = "127.0.0.1".to_owned();
+        Self { host, stream_port, grpc_port, sha256: None, token: None }
+    }
+
+    /// True when the host is this machine without asking anybody.
+    pub fn is_loopback(&self) -> bool {
+        self.host == "localhost" || self.host.parse().is_ok_and(|ip: IpAddr| ip.is_loopback())
+    }
+
+    /// HOST:PORT of the services.
+    pub fn grpc_authority(&self) -> String {
+        authority(&self.host, self.grpc_port)
+    }
+}
+
+fn authority(host: &str, port: u16) -> String {
+    if host.contains(':') { format!("[{host}]:{port}") } else { format!("{host}:{port}") }
+}
+
+impl fmt::Display for ConnectString {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut query = form_urlencoded::Serializer::new(String::new());
+        if let Some(hash) = &self.sha256 {
+            query.append_pair("sha256", &hex(hash));
+        }
+        if let Some(token) = &self.token {
+            query.append_pair("token", token);
+        }
+        if self.grpc_port != DEFAULT_GRPC_PORT {
+            query.append_pair("grpc", &self.grpc_port.to_string());
+        }
+        write!(f, "{SCHEME}://{}/", authority(&self.host, self.stream_port))?;
+        let query = query.finish();
+        if query.is_empty() { Ok(()) } else { write!(f, "?{query}") }
+    }
+}
+
+impl FromStr for ConnectString {
+    type Err = ConnectStringError;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let fail = |what: String| ConnectStringError { text: text.to_owned(), what };
+        let whole =
+            if text.contains("://") { text.to_owned() } else { format!("{SCHEME}://{text}/") };
+        let uri: http::Uri = whole.parse().map_err(|error| fail(format!("{error}")))?;
+        if uri.scheme_str() != Some(SCHEME) {
+            return Err(fail(format!("it must begin with {SCHEME}://")));
+        }
+        let host =
+            uri.host().filter(|host| !host.is_empty()).ok_or_else(|| fail("no host".into()))?;
+        let port = uri.authority().and_then(http::uri::Authority::port_u16);
+        let mut found = Self {
+            host: host.trim_matches(['[', ']']).to_owned(),
+            stream_port: port.unwrap_or(DEFAULT_STREAM_PORT),
+            grpc_port: DEFAULT_GRPC_PORT,
+            sha256: None,
+            token: None,
+        };
+        for (key, value) in form_urlencoded::parse(uri.query().unwrap_or("").as_bytes()) {
+            match key.as_ref() {
+                "sha256" => {
+                    let hash =
+                        unhex(&value).ok_or_else(|| fail("sha256 must be 64 hex digits".into()))?;
+                    found.sha256 = Some(hash);
+                }
+                "grpc" => {
+                    let port = value.parse().ok().filter(|port| *port != 0);
+                    found.grpc_port = port.ok_or_else(|| {
+                        fail(format!("grpc = {value}: must be a port, 1 to 65535"))
+                    })?;
+                }
+                "token" => found.token = Some(value.into_owned()),
+                // A newer server may say more; what is unknown is not needed here.
+                _ => {}
+            }
+        }
+        Ok(found)
+    }
+}
+
+/// Lower-case hexadecimal digits.
+pub(crate) fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+fn unhex(text: &str) -> Option<[u8; 32]> {
+    let digits: Vec<u8> =
+        text.chars().map(|c| c.to_digit(16).map(|d| d as u8)).collect::<Option<_>>()?;
+    let bytes: Vec<u8> =
+        digits.chunks(2).map(|pair| pair[0] << 4 | pair.get(1).unwrap_or(&0)).collect();
+    if digits.len() == 64 { bytes.try_into().ok() } else { None }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_printed_can_be_read() {
+        let full = ConnectString {
+            host: "lab.example".into(),
+            stream_port: 9000,
+            grpc_port: 9001,
+            sha256: Some([0xa5; 32]),
+            token: Some("a+b c".into()),
+        };
+        for string in [
+            full.clone(),
+            ConnectString { host: "::1".into(), ..full },
+            ConnectString::local(7351, 7350),
+        ] {
+            assert_eq!(string.to_string().parse(), Ok(string));
+        }
+    }
+
+    #[test]
+    fn a_bare_address_will_do() {
+        assert_eq!("127.0.0.1:9000".parse(), Ok(ConnectString::local(9000, DEFAULT_GRPC_PORT)));
+        let host: ConnectString = "localhost".parse().unwrap();
+        assert_eq!((host.stream_port, host.is_loopback()), (DEFAULT_STREAM_PORT, true));
+        let six: ConnectString = "[::1]:7".parse().unwrap();
+        assert_eq!((six.host.as_str(), six.stream_port, six.is_loopback()), ("::1", 7, true));
+    }
+
+    #[test]
+    fn what_is_wrong_is_named() {
+        for (text, what) in [
+            ("http://host:1/", "must begin with hapticd://"),
+            ("hapticd://host:1/?sha256=12", "64 hex digits"),
+            ("hapticd://host:1/?grpc=0", "1 to 65535"),
+            ("", "looks like"),
+            ("host:port", "looks like"),
+        ] {
+            let error = text.parse::<ConnectString>().unwrap_err().to_string();
+            assert!(error.contains(what), "{error}");
+        }
+    }
+}

@@ -1,0 +1,32 @@
+//! The Rust client of hapticd: a stream for forces, services for configuration.
+//!
+//! ```no_run
+//! # async fn example() -> Result<(), Box<dyn std::error::Error>> {
+//! use hapticd::client::{Client, Incoming, Options};
+//! use hapticd::proto::Role;
+//!
+//! let target = "127.0.0.1:7351".parse()?;
+//! let mut client = Client::connect(&target, Options::new("my scene", Role::Controller)).await?;
+//! loop {
+//!     if let Incoming::State(state) = client.next().await? {
+//!         client.send_contacts(state.seq, 100, Vec::new())?;
+//!     }
+//! }
+//! # }
+//! ```
+//!
+//! Nothing here needs Linux or the server's code. A client never re-sends: commands are
+//! absolute and the newest wins.
+
+mod connect_string;
+mod error;
+mod services;
+mod stream;
+mod verify;
+
+pub use connect_string::{
+    ConnectString, ConnectStringError, DEFAULT_GRPC_PORT, DEFAULT_STREAM_PORT,
+};
+pub use error::ClientError;
+pub use services::{Services, services};
+pub use stream::{Client, Incoming, Options};

@@ -1,0 +1,344 @@
+//! Devices by name or by file: what a device is, for whoever runs, simulates or describes it.
+//!
+//! A device is a TOML parameter file; the built-in ones are files too, embedded. `sim:NAME`
+//! and NAME mean a built-in one; anything with a `/` or ending in `.toml` is a path, and its
+//! stem is the device's identifier. A definition is complete and checked: the linkage closes,
+//! the start is reachable and regular, every number lies in its range.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use super::device_file::{CheckedActuators, DeviceLayout, check_actuators};
+use super::{ConfigError, Id, error};
+use crate::actuation::Strategy;
+use crate::control::{Actuators, Guards, Mount, Tool};
+use crate::device::{ForceSensor, HandProgram, SimulationParameters};
+use crate::mechanism::Mechanism;
+use crate::notation::{ActuatorVector, PlaneVector};
+use crate::units::FieldError;
+
+/// The built-in devices: name and file.
+pub const BUILT_IN: [(&str, &str); 4] = [
+    ("two-link", include_str!("../../devices/two-link.toml")),
+    ("cho-2005", include_str!("../../devices/cho-2005.toml")),
+    ("cho-2005-unoptimised", include_str!("../../devices/cho-2005-unoptimised.toml")),
+    ("cho-2005-crossed", include_str!("../../devices/cho-2005-crossed.toml")),
+];
+
+/// A device, checked.
+#[derive(Clone, Debug)]
+pub struct DeviceDefinition {
+    /// NAME of `devices/NAME`.
+    pub name: Id,
+    /// For people.
+    pub description: String,
+    /// The linkage with its inertia.
+    pub mechanism: Arc<dyn Mechanism>,
+    /// Kinds, limits and encoders.
+    pub actuators: Actuators,
+    /// Names of the actuators, in the order of the shafts.
+    pub actuator_names: Vec<Id>,
+    /// Time constant from commanded to actual torque.
+    pub lag_s: ActuatorVector,
+    /// Torque of each actuator without any command.
+    pub residual_Nm: ActuatorVector,
+    /// `None`: the hand's force is unknown.
+    pub force_sensor: Option<ForceSensor>,
+    /// Where the device's plane lies.
+    pub mount: Mount,
+    /// What the handle carries.
+    pub tool: Tool,
+    /// Time between ticks.
+    pub tick_ns: u64,
+    /// The law to begin with.
+    pub strategy: Strategy,
+    /// Bounds on requests, and how much may go wrong.
+    pub guards: Guards,
+    /// Where a simulated handle begins, in B.
+    pub start_m: [f64; 2],
+    /// The linkage's parameters by name; a sign as -1 or 1, crossed tendons as -1.
+    pub parameters: Vec<(String, f64)>,
+    /// Mass felt at the handle without any linkage.
+    pub handle_mass_kg: f64,
+}
+
+impl DeviceDefinition {
+    /// The device that `name_or_path` names.
+    pub fn load(name_or_path: &str) -> Result<Self, ConfigError> {
+        let name = name_or_path.strip_prefix("sim:").unwrap_or(name_or_path);
+        if let Some((name, text)) = BUILT_IN.iter().find(|(built_in, _)| *built_in == name) {
+            return Self::from_toml(name, text, &format!("{name}.toml (built in)"));
+        }
+        let is_path = name.contains('/') || name.ends_with(".toml");
+        if !is_path || name != name_or_path {
+            let built_in = BUILT_IN.map(|(name, _)| name).join(", ");
+            return Err(ConfigError::UnknownDevice { name: name_or_path.to_owned(), built_in });
+        }
+        let path = Path::new(name);
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        Self::from_toml(&stem, &error::read(path)?, name)
+    }
+
+    /// The device in the text of a file; `file` is for messages only.
+    pub fn from_toml(name: &str, text: &str, file: &str) -> Result<Self, ConfigError> {
+        let layout: DeviceLayout = error::parse(text, file)?;
+        Self::build(name, &layout).map_err(ConfigError::field(file))
+    }
+
+    fn build(name: &str, layout: &DeviceLayout) -> Result<Self, FieldError> {
+        let name = Id::parse("file name without .toml", name)?;
+        let (mechanism, parameters) = layout.mechanism.build(&layout.inertia, &layout.actuators)?;
+        let CheckedActuators { names, actuators, lag_s, residual_Nm } =
+            check_actuators(&layout.actuators, mechanism.name(), mechanism.actuators())?;
+        let (tick_ns, strategy, guards) = layout.control.check()?;
+        Ok(Self {
+            name,
+            description: layout.description.clone().unwrap_or_default(),
+            start_m: check_start(mechanism.as_ref(), layout.simulation.start_m)?,
+            mechanism,
+            actuators,
+            actuator_names: names,
+            lag_s,
+            residual_Nm,
+            force_sensor: layout.hand_force.check()?,
+            mount: layout.mount.check()?,
+            tool: layout.tool.check()?,
+            tick_ns,
+            strategy,
+            guards,
+            parameters,
+            handle_mass_kg: layout.inertia.handle_mass_kg,
+        })
+    }
+
+    /// The device as its simulation takes it, with `hand` shrunk to the linkage's reach.
+    pub fn simulation(&self, hand: HandProgram) -> SimulationParameters {
+        SimulationParameters {
+            mechanism: Arc::clone(&self.mechanism),
+            kinds: self.actuators.kinds,
+            max_torque_Nm: self.actuators.max_torque_Nm,
+            counts_per_revolution: self.actuators.counts_per_revolution,
+            lag_s: self.lag_s,
+            residual_Nm: self.residual_Nm,
+            force_sensor: self.force_sensor,
+            hand: hand.fitted(self.mechanism.reach_m()),
+            start_m: self.start_m,
+        }
+    }
+}
+
+/// The start as written, or halfway between the nearest and the furthest reach along x.
+fn check_start(
+    mechanism: &dyn Mechanism,
+    written_m: Option<[f64; 2]>,
+) -> Result<[f64; 2], FieldError> {
+    let (nearest_m, furthest_m) = mechanism.reach_m();
+    let start_m = written_m.unwrap_or([0.5 * (nearest_m + furthest_m), 0.0]);
+    let [x, y] = start_m;
+    match mechanism.posture_at(&PlaneVector::new(x, y, 0.0)) {
+        Ok(_) => Ok(start_m),
+        Err(error) => Err(FieldError::new(
+            "simulation.start_m",
+            format!("[{x}, {y}] m"),
+            format!("must be a place that the handle reaches: {error}"),
+        )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::actuation::ActuatorKind;
+    use crate::device::SimulatedDevice;
+
+    const CHO: &str = BUILT_IN[1].1;
+
+    fn refusal(text: &str) -> String {
+        DeviceDefinition::from_toml("mine", text, "mine.toml").unwrap_err().to_string()
+    }
+
+    /// The file of `cho-2005` with one line changed.
+    fn changed(from: &str, to: &str) -> String {
+        assert!(CHO.contains(from), "{from}");
+        CHO.replacen(from, to, 1)
+    }
+
+    #[test]
+    fn every_built_in_device_is_what_its_name_says() {
+        for (name, _) in BUILT_IN {
+            let device = DeviceDefinition::load(name).unwrap();
+            assert_eq!(device.name.as_str(), name);
+            assert!(!device.description.is_empty());
+            assert_eq!(device.actuator_names.len(), device.mechanism.actuators());
+            assert_eq!((device.tick_ns, device.handle_mass_kg), (1_000_000, 0.5));
+            assert_eq!(device.guards, Guards::default());
+            let sensor = device.force_sensor.unwrap();
+            assert_eq!((sensor.noise_rms_N, sensor.bias_N), (0.05, 0.1));
+            for i in 0..device.mechanism.actuators() {
+                assert_eq!(device.actuators.kinds[i], ActuatorKind::Brake);
+                assert_eq!(device.actuators.max_torque_Nm[i], 20.0);
+                assert_eq!(device.actuators.counts_per_revolution[i], 65_536.0);
+                assert_eq!((device.lag_s[i], device.residual_Nm[i]), (2e-3, 0.0));
+            }
+            let same = DeviceDefinition::load(&format!("sim:{name}")).unwrap();
+            assert_eq!(same.parameters, device.parameters);
+        }
+    }
+
+    #[test]
+    fn built_in_devices_have_the_published_dimensions() {
+        let of = |name: &str| DeviceDefinition::load(name).unwrap().parameters;
+        let numbers = |name: &str| of(name).into_iter().map(|(_, value)| value).collect::<Vec<_>>();
+        assert_eq!(
+            numbers("cho-2005"),
+            [0.3, 0.2, 0.124, 0.291, 0.3, 0.781, 0.1, -1.0, 1.0, 1.0, 1.0]
+        );
+        assert_eq!(numbers("cho-2005-unoptimised")[..7], [0.3, 0.3, 0.3, 0.3, 0.3, 0.1, 0.1]);
+        let crossed = of("cho-2005-crossed");
+        assert!(crossed.contains(&("tendons".to_owned(), -1.0)));
+        assert_eq!(of("two-link").len(), 3);
+    }
+
+    #[test]
+    fn every_built_in_device_is_regular_along_the_whole_wall() {
+        for (name, _) in BUILT_IN {
+            let device = DeviceDefinition::load(name).unwrap();
+            for i in 0..=100 {
+                let y_m = -0.15 + 0.005 * f64::from(i);
+                let posture = device.mechanism.posture_at(&PlaneVector::new(0.3, y_m, 0.0));
+                assert!(posture.is_ok(), "{name} at y = {y_m}: {posture:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn every_built_in_device_can_be_simulated_with_every_hand() {
+        for (name, _) in BUILT_IN {
+            let device = DeviceDefinition::load(name).unwrap();
+            for hand in HandProgram::all() {
+                let simulated = SimulatedDevice::new(device.simulation(hand), 1);
+                assert!(simulated.is_ok(), "{name}, {hand}: {:?}", simulated.err());
+            }
+        }
+    }
+
+    #[test]
+    fn a_device_file_of_ones_own_is_named_by_its_stem() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("my-arm.toml");
+        std::fs::write(&path, changed("rate_hz = 1000", "rate_hz = 4000")).unwrap();
+        let device = DeviceDefinition::load(path.to_str().unwrap()).unwrap();
+        assert_eq!((device.name.as_str(), device.tick_ns), ("my-arm", 250_000));
+        let bad = directory.path().join("My_Arm.toml");
+        std::fs::write(&bad, CHO).unwrap();
+        let said = DeviceDefinition::load(bad.to_str().unwrap()).unwrap_err().to_string();
+        assert!(said.contains("\"My_Arm\"") && said.contains("a-z"), "{said}");
+        let missing = DeviceDefinition::load("./nowhere.toml").unwrap_err();
+        assert!(matches!(missing, ConfigError::Read { .. }));
+    }
+
+    #[test]
+    fn an_unknown_device_lists_the_built_in_ones() {
+        for name in ["cho-2006", "sim:cho-2006", "sim:./mine.toml", ""] {
+            let said = DeviceDefinition::load(name).unwrap_err().to_string();
+            assert!(BUILT_IN.iter().all(|(built_in, _)| said.contains(built_in)), "{said}");
+        }
+    }
+
+    #[test]
+    fn the_smallest_file_is_complete() {
+        let text = "[mechanism]\nkind = \"two-link\"\nl1_m = 0.2\nl2_m = 0.1\n\
+                    [[actuators]]\nname = \"a\"\nkind = \"motor\"\n\
+                    [[actuators]]\nname = \"b\"\nkind = \"brake\"\n";
+        let device = DeviceDefinition::from_toml("tiny", text, "tiny.toml").unwrap();
+        assert_eq!(device.actuators.kinds[..2], [ActuatorKind::Motor, ActuatorKind::Brake]);
+        assert!(device.force_sensor.is_none());
+        assert_eq!(device.mount, Mount::default());
+        assert!(
+            device.mechanism.posture_at(&PlaneVector::new(device.start_m[0], 0.0, 0.0)).is_ok()
+        );
+    }
+
+    #[test]
+    fn each_bad_value_is_refused_by_its_key_path() {
+        let torque = "max_torque_Nm = 20.0";
+        for (from, to, named) in [
+            ("k3 = 0.781", "k3 = -0.781", "mechanism.k3 = -0.781"),
+            ("k3 = 0.781", "k3 = nan", "mechanism.k3 = NaN"),
+            ("k3 = 0.781", "", "mechanism.k3 = (missing)"),
+            ("k3 = 0.781", "k3 = 0.781\nl1_m = 0.3", "mechanism.l1_m = (set)"),
+            ("k3 = 0.781", "k3 = 0.781\nk5 = 1", "mechanism.k5: unknown field"),
+            ("0.124", "1.124", "mechanism.l_m[2] = 1.124"),
+            ("0.124", "inf", "mechanism.l_m[2] = inf"),
+            ("lever = -1", "lever = 0", "mechanism.lever = 0"),
+            ("tendons = \"straight\"", "tendons = \"loose\"", "mechanism.tendons = \"loose\""),
+            ("kind = \"five-bar\"", "kind = \"six-bar\"", "mechanism.kind = \"six-bar\""),
+            ("handle_mass_kg = 0.5", "handle_mass_kg = 0", "inertia.handle_mass_kg = 0"),
+            (torque, "max_torque_Nm = -20.0", "actuators[0].max_torque_Nm = -20"),
+            (torque, "max_torque_Nm = 20.0\ngear = 1", "actuators[0].gear: unknown field"),
+            (torque, "max_torque_Nm = \"much\"", "actuators[0].max_torque_Nm: invalid type"),
+            ("lag_s = 0.002", "lag_s = 2", "actuators[0].lag_s = 2"),
+            (
+                "residual_torque_Nm = 0.0",
+                "residual_torque_Nm = -1",
+                "actuators[0].residual_torque_Nm = -1",
+            ),
+            (
+                "counts_per_revolution = 65536",
+                "counts_per_revolution = 0",
+                "actuators[0].counts_per_revolution = 0",
+            ),
+            (
+                "shaft_inertia_kg_m2 = 0.0",
+                "shaft_inertia_kg_m2 = -1",
+                "actuators[0].shaft_inertia_kg_m2 = -1",
+            ),
+            ("name = \"brake-2\"", "name = \"brake-1\"", "actuators[1].name = brake-1"),
+            ("kind = \"brake\"", "kind = \"clutch\"", "actuators[0].kind = \"clutch\""),
+            ("noise_rms_N = 0.05", "noise_rms_N = -0.05", "hand_force.noise_rms_N = -0.05"),
+            ("kind = \"sensor\"", "kind = \"none\"", "hand_force.noise_rms_N = 0.05"),
+            ("position_m = [0.0,", "position_m = [nan,", "mount.position_m[0] = NaN"),
+            ("[0.0, 0.0, 0.0, 1.0]", "[0.0, 0.0, 0.0, 2.0]", "mount.orientation_xyzw = 2"),
+            ("radius_m = 0.0", "radius_m = -0.1", "tool.radius_m = -0.1"),
+            (
+                "rate_hz = 1000",
+                "rate_hz = 99",
+                "control.rate_hz = 99: must be a number in 100 to 4000 Hz",
+            ),
+            ("strategy = \"auto\"", "strategy = \"magic\"", "control.strategy = \"magic\""),
+            ("max_overruns = 100", "max_overruns = 0", "control.max_overruns = 0"),
+            ("stale_ramp_ms = 50", "stale_ramp_ms = inf", "control.stale_ramp_ms = inf"),
+            ("start_m = [", "start_m = [9.0, 9.0] # [", "simulation.start_m = [9, 9] m"),
+            ("start_m = [", "start_m = [nan, 0.1] # [", "simulation.start_m = [NaN, 0.1] m"),
+        ] {
+            let said = refusal(&changed(from, to));
+            assert!(said.starts_with("mine.toml:") && said.contains(named), "{named}: {said}");
+        }
+    }
+
+    #[test]
+    fn the_number_of_actuators_must_fit_the_linkage() {
+        let more = format!("{CHO}\n[[actuators]]\nname = \"fifth\"\nkind = \"brake\"\n");
+        assert!(refusal(&more).contains("actuators = 5 entries: a five-bar has 4"));
+        let seven = format!("{more}{0}{0}", "[[actuators]]\nname = \"x\"\nkind = \"brake\"\n");
+        assert!(refusal(&seven).contains("actuators = 7 entries"));
+    }
+
+    #[test]
+    fn links_have_mass_where_the_file_says_so() {
+        let link = "{ mass_kg = 0.1, centre_m = 0.1, inertia_kg_m2 = 0.001 }";
+        let links = |n| changed("links = []", &format!("links = [{}]", vec![link; n].join(", ")));
+        let device = DeviceDefinition::from_toml("mine", &links(4), "mine.toml").unwrap();
+        assert!(device.mechanism.inertia_varies());
+        assert!(refusal(&links(3)).contains("inertia.links = 3 entries: must be none or 4"));
+    }
+
+    #[test]
+    fn every_key_of_the_cho_2005_file_has_a_comment() {
+        let lines: Vec<_> = CHO.lines().collect();
+        for (above, line) in lines.iter().zip(&lines[1..]) {
+            let key = line.contains('=') && !line.starts_with('#');
+            assert!(!key || above.starts_with('#') || line.contains('#'), "{line}");
+        }
+    }
+}

@@ -1,0 +1,317 @@
+//! The layout of a device file, and the check of each of its tables.
+//!
+//! One struct per table, with the keys as people write them; unknown keys are errors. Checks
+//! turn a table into what the loop takes; a refusal carries the full key path. The linkage's
+//! tables are in [`super::linkage`].
+
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use serde::Deserialize;
+
+use super::Id;
+use super::linkage::{InertiaLayout, MechanismLayout};
+use crate::actuation::{ActuatorKind, Strategy};
+use crate::control::{Actuators, Guards, Mount, Tool};
+use crate::device::ForceSensor;
+use crate::notation::{ActuatorVector, MAX_ACTUATORS};
+use crate::units::{self, FieldError, Range};
+
+/// A whole device file.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct DeviceLayout {
+    pub description: Option<String>,
+    pub mechanism: MechanismLayout,
+    #[serde(default)]
+    pub inertia: InertiaLayout,
+    pub actuators: Vec<ActuatorLayout>,
+    #[serde(default)]
+    pub hand_force: HandForceLayout,
+    #[serde(default)]
+    pub mount: MountLayout,
+    #[serde(default)]
+    pub tool: ToolLayout,
+    #[serde(default)]
+    pub control: ControlLayout,
+    #[serde(default)]
+    pub simulation: SimulationLayout,
+}
+
+/// One `[[actuators]]`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ActuatorLayout {
+    pub name: String,
+    pub kind: String,
+    #[serde(default = "usual_torque")]
+    pub max_torque_Nm: f64,
+    #[serde(default = "usual_lag")]
+    pub lag_s: f64,
+    #[serde(default)]
+    pub residual_torque_Nm: f64,
+    #[serde(default = "usual_counts")]
+    pub counts_per_revolution: i64,
+    #[serde(default)]
+    pub shaft_inertia_kg_m2: f64,
+}
+
+fn usual_torque() -> f64 {
+    20.0
+}
+
+fn usual_lag() -> f64 {
+    0.002
+}
+
+fn usual_counts() -> i64 {
+    65_536
+}
+
+/// `[hand_force]`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct HandForceLayout {
+    pub kind: String,
+    pub noise_rms_N: Option<f64>,
+    pub bias_N: Option<f64>,
+}
+
+impl Default for HandForceLayout {
+    fn default() -> Self {
+        Self { kind: "none".into(), noise_rms_N: None, bias_N: None }
+    }
+}
+
+/// `[mount]`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct MountLayout {
+    pub position_m: [f64; 3],
+    pub orientation_xyzw: [f64; 4],
+}
+
+impl Default for MountLayout {
+    fn default() -> Self {
+        Self { position_m: [0.0; 3], orientation_xyzw: [0.0, 0.0, 0.0, 1.0] }
+    }
+}
+
+/// `[tool]`.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct ToolLayout {
+    pub offset_m: [f64; 3],
+    pub radius_m: f64,
+}
+
+/// `[control]`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct ControlLayout {
+    pub rate_hz: f64,
+    pub strategy: String,
+    pub force_limit_N: f64,
+    pub slew_N_per_s: f64,
+    pub stale_ramp_ms: f64,
+    pub closure_limit_rad: f64,
+    pub stop_capacity_Nm: f64,
+    pub max_overruns: i64,
+    pub max_device_errors: i64,
+}
+
+impl Default for ControlLayout {
+    fn default() -> Self {
+        let usual = Guards::default();
+        Self {
+            rate_hz: 1000.0,
+            strategy: "auto".into(),
+            force_limit_N: usual.force_limit_N,
+            slew_N_per_s: usual.slew_N_per_s,
+            stale_ramp_ms: usual.stale_ramp_ns as f64 * 1e-6,
+            closure_limit_rad: usual.closure_limit_rad,
+            stop_capacity_Nm: usual.stop_capacity_Nm,
+            max_overruns: usual.max_overruns.into(),
+            max_device_errors: usual.max_device_errors.into(),
+        }
+    }
+}
+
+/// `[simulation]`.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct SimulationLayout {
+    pub start_m: Option<[f64; 2]>,
+}
+
+/// What the actuators of a device are, each in its place.
+pub(super) struct CheckedActuators {
+    pub names: Vec<Id>,
+    pub actuators: Actuators,
+    pub lag_s: ActuatorVector,
+    pub residual_Nm: ActuatorVector,
+}
+
+/// Checks the `[[actuators]]` of a linkage that has `expected` shafts.
+pub(super) fn check_actuators(
+    layouts: &[ActuatorLayout],
+    mechanism: &str,
+    expected: usize,
+) -> Result<CheckedActuators, FieldError> {
+    if layouts.len() != expected {
+        let allowed = format!("a {mechanism} has {expected}, in the order of its shafts");
+        return Err(FieldError::new("actuators", format!("{} entries", layouts.len()), allowed));
+    }
+    let mut names: Vec<Id> = Vec::new();
+    let mut kinds = [ActuatorKind::default(); MAX_ACTUATORS];
+    for (i, layout) in layouts.iter().enumerate() {
+        let outer = format!("actuators[{i}]");
+        let (name, kind) = layout.check().map_err(|refusal| refusal.within(&outer))?;
+        if names.contains(&name) {
+            return Err(FieldError::new("name", name, "must be unique").within(&outer));
+        }
+        names.push(name);
+        kinds[i] = kind;
+    }
+    Ok(CheckedActuators {
+        names,
+        actuators: Actuators {
+            kinds,
+            max_torque_Nm: per_actuator(layouts, 0.0, |one| one.max_torque_Nm),
+            counts_per_revolution: per_actuator(layouts, 1.0, |one| {
+                one.counts_per_revolution as f64
+            }),
+        },
+        lag_s: per_actuator(layouts, 0.0, |one| one.lag_s),
+        residual_Nm: per_actuator(layouts, 0.0, |one| one.residual_torque_Nm),
+    })
+}
+
+impl ActuatorLayout {
+    fn check(&self) -> Result<(Id, ActuatorKind), FieldError> {
+        let name = Id::parse("name", &self.name)?;
+        let kind = match self.kind.as_str() {
+            "brake" => ActuatorKind::Brake,
+            "motor" => ActuatorKind::Motor,
+            other => {
+                return Err(FieldError::new(
+                    "kind",
+                    quoted(other),
+                    "must be \"brake\" or \"motor\"",
+                ));
+            }
+        };
+        units::TORQUE_LIMIT.check("max_torque_Nm", self.max_torque_Nm)?;
+        units::LAG.check("lag_s", self.lag_s)?;
+        units::HOLDING_TORQUE.check("residual_torque_Nm", self.residual_torque_Nm)?;
+        units::COUNTS.check_whole("counts_per_revolution", self.counts_per_revolution)?;
+        Ok((name, kind))
+    }
+}
+
+impl HandForceLayout {
+    /// The sensor, or `None`: then the force of the hand is unknown.
+    pub fn check(&self) -> Result<Option<ForceSensor>, FieldError> {
+        match self.kind.as_str() {
+            "sensor" => {
+                let noise_rms_N = self.noise_rms_N.unwrap_or(0.05);
+                let bias_N = self.bias_N.unwrap_or(0.1);
+                units::SENSOR_ERROR.check("hand_force.noise_rms_N", noise_rms_N)?;
+                units::SENSOR_ERROR.check("hand_force.bias_N", bias_N)?;
+                Ok(Some(ForceSensor { noise_rms_N, bias_N }))
+            }
+            "none" => {
+                for (key, value) in [("noise_rms_N", self.noise_rms_N), ("bias_N", self.bias_N)] {
+                    if let Some(value) = value {
+                        let field = format!("hand_force.{key}");
+                        return Err(FieldError::new(field, value, "needs kind = \"sensor\""));
+                    }
+                }
+                Ok(None)
+            }
+            other => {
+                let allowed = "must be \"sensor\" or \"none\"";
+                Err(FieldError::new("hand_force.kind", quoted(other), allowed))
+            }
+        }
+    }
+}
+
+impl MountLayout {
+    /// The pose of the device's plane.
+    pub fn check(&self) -> Result<Mount, FieldError> {
+        for (i, &value) in self.position_m.iter().enumerate() {
+            units::POSITION.check(&format!("mount.position_m[{i}]"), value)?;
+        }
+        let [x, y, z, w] = self.orientation_xyzw;
+        let written = Quaternion::new(w, x, y, z);
+        units::QUATERNION_LENGTH.check("mount.orientation_xyzw", written.norm())?;
+        Ok(Mount {
+            p_WB_m: Vector3::from(self.position_m),
+            q_WB: UnitQuaternion::from_quaternion(written),
+        })
+    }
+}
+
+impl ToolLayout {
+    /// What is fixed to the handle.
+    pub fn check(&self) -> Result<Tool, FieldError> {
+        for (i, &value) in self.offset_m.iter().enumerate() {
+            units::TOOL_OFFSET.check(&format!("tool.offset_m[{i}]"), value)?;
+        }
+        let radius_m = units::TOOL_RADIUS.check("tool.radius_m", self.radius_m)?;
+        Ok(Tool { offset_B_m: Vector3::from(self.offset_m), radius_m })
+    }
+}
+
+impl ControlLayout {
+    /// Tick period, law and guards.
+    pub fn check(&self) -> Result<(u64, Strategy, Guards), FieldError> {
+        let number =
+            |name: &str, range: &Range, value| range.check(&format!("control.{name}"), value);
+        let count = |name: &str, value| {
+            let whole = units::IN_A_ROW.check_whole(&format!("control.{name}"), value)?;
+            Ok(u32::try_from(whole).unwrap_or(u32::MAX))
+        };
+        let rate_hz = number("rate_hz", &units::RATE, self.rate_hz)?;
+        let ramp_ms = number("stale_ramp_ms", &units::RAMP, self.stale_ramp_ms)?;
+        let guards = Guards {
+            force_limit_N: number("force_limit_N", &units::FORCE_LIMIT, self.force_limit_N)?,
+            slew_N_per_s: number("slew_N_per_s", &units::SLEW, self.slew_N_per_s)?,
+            stale_ramp_ns: (ramp_ms * 1e6).round() as u64,
+            closure_limit_rad: number(
+                "closure_limit_rad",
+                &units::CLOSURE,
+                self.closure_limit_rad,
+            )?,
+            stop_capacity_Nm: number(
+                "stop_capacity_Nm",
+                &units::HOLDING_TORQUE,
+                self.stop_capacity_Nm,
+            )?,
+            max_overruns: count("max_overruns", self.max_overruns)?,
+            max_device_errors: count("max_device_errors", self.max_device_errors)?,
+        };
+        Ok(((1e9 / rate_hz).round() as u64, self.strategy()?, guards))
+    }
+
+    fn strategy(&self) -> Result<Strategy, FieldError> {
+        self.strategy.parse().map_err(|_| {
+            let names = Strategy::ALL.map(|strategy| quoted(strategy.name())).join(", ");
+            let allowed = format!("must be one of {names}");
+            FieldError::new("control.strategy", quoted(&self.strategy), allowed)
+        })
+    }
+}
+
+/// One number per actuator, `beyond` after the last.
+pub(super) fn per_actuator(
+    layouts: &[ActuatorLayout],
+    beyond: f64,
+    number: impl Fn(&ActuatorLayout) -> f64,
+) -> ActuatorVector {
+    ActuatorVector::from_fn(|i, _| layouts.get(i).map_or(beyond, &number))
+}
+
+/// Text as a refusal shows it.
+pub(super) fn quoted(text: &str) -> String {
+    format!("{text:?}")
+}

@@ -1,0 +1,31 @@
+//! What the user wrote becomes what the loop needs: device files, server file, scenes, plans.
+//!
+//! Every value passes through a range of [`crate::units`] exactly once and comes out as a
+//! type that cannot hold anything else; gRPC goes through the same doors as files. An error
+//! names file, key path, value, and what is allowed with its unit. Unknown keys are errors.
+//! This module opens files when asked to; it knows no socket, no thread and no clock.
+
+mod device;
+mod device_file;
+mod error;
+mod id;
+mod linkage;
+mod object;
+mod plan;
+mod scene;
+mod scene_file;
+mod scene_layout;
+mod server;
+mod server_layout;
+
+pub use device::{BUILT_IN, DeviceDefinition};
+pub use error::ConfigError;
+pub use id::Id;
+pub use object::{ObjectKind, SceneObject};
+pub use plan::build_plan;
+pub use scene::{ExpectedRevision, Scene, SceneError};
+pub use scene_file::{SceneFile, StateDir, StateError};
+pub use server::{
+    EXAMPLE, LogConfig, LogFormat, LogLevel, Overrides, RealtimePolicy, ServerConfig,
+    SessionLimits, default_state_dir,
+};

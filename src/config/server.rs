@@ -1,0 +1,326 @@
+//! The one file of `hapticd serve`: addresses, device, real-time policy, logs, sessions.
+//!
+//! Every key is optional; [`EXAMPLE`] shows all of them with their defaults. What a command
+//! line says ([`Overrides`]) takes the place of the file's value before anything is checked.
+//! Listening beyond loopback without credentials has to be asked for in so many words.
+
+use std::ffi::OsString;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::path::PathBuf;
+
+use serde::Deserialize;
+
+use super::server_layout::ServerLayout;
+use super::{ConfigError, error};
+use crate::device::HandProgram;
+use crate::units::FieldError;
+
+/// The whole file with its defaults and an explanation of every key.
+pub const EXAMPLE: &str = include_str!("../../deploy/hapticd.example.toml");
+
+/// What the server needs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ServerConfig {
+    /// Address to listen on.
+    pub listen: IpAddr,
+    /// TCP port of gRPC, 0 for any free one.
+    pub grpc_port: u16,
+    /// UDP port of the stream, 0 for any free one.
+    pub stream_port: u16,
+    /// TCP port of HTTP, 0 for any free one.
+    pub http_port: u16,
+    /// Listening beyond loopback without credentials was asked for.
+    pub insecure: bool,
+    /// Name or file of the device.
+    pub device: String,
+    /// What the simulated hand does.
+    pub hand: HandProgram,
+    /// What happens without real-time rights.
+    pub realtime: RealtimePolicy,
+    /// SCHED_FIFO priority of the loop.
+    pub rt_priority: u8,
+    /// Processor of the loop; `None`: the system chooses.
+    pub rt_cpu: Option<usize>,
+    /// Where state is kept; `None`: see [`default_state_dir`].
+    pub state_dir: Option<PathBuf>,
+    /// What is logged, and how.
+    pub log: LogConfig,
+    /// Bounds on sessions and their commands.
+    pub session: SessionLimits,
+}
+
+/// What happens where a real-time right is missing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RealtimePolicy {
+    /// Start, and say what was denied.
+    #[default]
+    BestEffort,
+    /// Refuse to start.
+    Enforce,
+}
+
+/// What is logged, and how.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LogConfig {
+    /// Least important events that are logged.
+    pub level: LogLevel,
+    /// One line per event, for people or for machines.
+    pub format: LogFormat,
+}
+
+/// Importance of an event.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LogLevel {
+    /// Something failed.
+    Error,
+    /// Something is not as it should be.
+    Warn,
+    /// Something changed.
+    #[default]
+    Info,
+    /// Why it changed.
+    Debug,
+    /// Every step.
+    Trace,
+}
+
+impl LogLevel {
+    /// The name that `tracing` filters understand.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Error => "error",
+            Self::Warn => "warn",
+            Self::Info => "info",
+            Self::Debug => "debug",
+            Self::Trace => "trace",
+        }
+    }
+}
+
+/// How a logged event looks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LogFormat {
+    /// For people.
+    #[default]
+    Human,
+    /// One JSON object.
+    Json,
+}
+
+/// Bounds on sessions and their commands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SessionLimits {
+    /// More are refused.
+    pub max_sessions: usize,
+    /// How long a command holds that does not say so.
+    pub default_ttl_ms: u32,
+    /// How long any command can hold.
+    pub max_ttl_ms: u32,
+}
+
+/// What a command line says; it takes the place of the file's value.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Overrides {
+    /// `--device`
+    pub device: Option<String>,
+    /// `--hand`
+    pub hand: Option<HandProgram>,
+    /// `--state-dir`
+    pub state_dir: Option<PathBuf>,
+    /// `--listen`
+    pub listen: Option<IpAddr>,
+    /// `--insecure`
+    pub insecure: bool,
+}
+
+impl Default for ServerConfig {
+    fn default() -> Self {
+        Self {
+            listen: IpAddr::V4(Ipv4Addr::LOCALHOST),
+            grpc_port: 7350,
+            stream_port: 7351,
+            http_port: 7353,
+            insecure: false,
+            device: "cho-2005".into(),
+            hand: HandProgram::default(),
+            realtime: RealtimePolicy::default(),
+            rt_priority: 80,
+            rt_cpu: None,
+            state_dir: None,
+            log: LogConfig::default(),
+            session: SessionLimits { max_sessions: 64, default_ttl_ms: 100, max_ttl_ms: 200 },
+        }
+    }
+}
+
+impl ServerConfig {
+    /// The configuration in the text of a file; `file` is for messages only.
+    pub fn from_toml(text: &str, file: &str) -> Result<Self, ConfigError> {
+        Self::with_overrides(text, file, Overrides::default())
+    }
+
+    /// The same with what the command line says; an empty text is all defaults.
+    pub fn with_overrides(text: &str, file: &str, over: Overrides) -> Result<Self, ConfigError> {
+        let layout: ServerLayout = error::parse(text, file)?;
+        let mut config = layout.check().map_err(ConfigError::field(file))?;
+        config.device = over.device.unwrap_or(config.device);
+        config.hand = over.hand.unwrap_or(config.hand);
+        config.state_dir = over.state_dir.or(config.state_dir);
+        config.listen = over.listen.unwrap_or(config.listen);
+        config.insecure |= over.insecure;
+        config.check_exposure().map_err(ConfigError::field(file))?;
+        Ok(config)
+    }
+
+    /// Where a service listens.
+    pub fn address(&self, port: u16) -> SocketAddr {
+        SocketAddr::new(self.listen, port)
+    }
+
+    fn check_exposure(&self) -> Result<(), FieldError> {
+        if self.listen.is_loopback() || self.insecure {
+            return Ok(());
+        }
+        let allowed = "must be a loopback address: beyond it everyone could command the device; \
+                       insecure = true (--insecure) allows that";
+        Err(FieldError::new("server.listen", self.listen, allowed))
+    }
+}
+
+/// Where state is kept by default: `$XDG_STATE_HOME/hapticd`, else `~/.local/state/hapticd`.
+/// `variable` looks up an environment variable; `None` where neither is usable.
+pub fn default_state_dir(variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
+    let absolute = |name| variable(name).map(PathBuf::from).filter(|path| path.is_absolute());
+    let state_home = absolute("XDG_STATE_HOME");
+    let base = state_home.or_else(|| Some(absolute("HOME")?.join(".local/state")));
+    base.map(|base| base.join("hapticd"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refusal(text: &str) -> String {
+        ServerConfig::from_toml(text, "server.toml").unwrap_err().to_string()
+    }
+
+    #[test]
+    fn the_example_is_all_defaults() {
+        let example = ServerConfig::from_toml(EXAMPLE, "example").unwrap();
+        assert_eq!(example, ServerConfig::default());
+        assert_eq!(ServerConfig::from_toml("", "empty").unwrap(), example);
+    }
+
+    #[test]
+    fn the_example_mentions_every_key_and_explains_it() {
+        // The layouts themselves say which keys there are.
+        for (table, at_least) in [("", 9), ("[server]\n", 5), ("[log]\n", 2), ("[session]\n", 3)] {
+            let said = refusal(&format!("{table}no-such-key = 1"));
+            let expected = said.split_once("expected").expect(&said).1;
+            let keys: Vec<_> = expected.split('`').skip(1).step_by(2).collect();
+            assert!(keys.len() >= at_least, "{said}");
+            for key in keys {
+                let starts = [format!("{key} = "), format!("# {key} = "), format!("[{key}]")];
+                let lines: Vec<_> = EXAMPLE.lines().collect();
+                let found = lines
+                    .iter()
+                    .position(|line| starts.iter().any(|start| line.starts_with(start)));
+                let line = found.unwrap_or_else(|| panic!("{key} is not in the example"));
+                let comment = line > 0 && lines[line - 1].starts_with('#');
+                assert!(comment || lines[line].starts_with('['), "{key} is not explained");
+            }
+        }
+    }
+
+    #[test]
+    fn the_keys_left_out_of_the_example_are_right_too() {
+        let text = EXAMPLE.replace("# rt_cpu", "rt_cpu").replace("# state_dir", "state_dir");
+        let config = ServerConfig::from_toml(&text, "example").unwrap();
+        assert_eq!(config.rt_cpu, Some(1));
+        assert_eq!(config.state_dir, Some("/var/lib/hapticd".into()));
+    }
+
+    #[test]
+    fn each_bad_value_is_refused_by_its_key_path() {
+        for (text, named) in [
+            (
+                "[server]\ngrpc_port = 65536",
+                "server.grpc_port = 65536: must be a number in 0 to 65535",
+            ),
+            ("[server]\nstream_port = -1", "server.stream_port = -1"),
+            ("[server]\nhttp_port = \"x\"", "server.http_port: invalid type"),
+            ("[server]\nlisten = \"localhost\"", "server.listen = \"localhost\""),
+            ("[server]\nlsten = \"::1\"", "server.lsten: unknown field"),
+            ("hand = \"wave\"", "hand = \"wave\": must be one of \"hold\""),
+            (
+                "realtime = \"always\"",
+                "realtime: unknown variant `always`, expected `best-effort` or `enforce`",
+            ),
+            ("rt_priority = 0", "rt_priority = 0: must be a number in 1 to 99"),
+            ("rt_cpu = 1e3", "rt_cpu: invalid type"),
+            ("[log]\nlevel = \"loud\"", "log.level: unknown variant `loud`"),
+            ("[session]\nmax_sessions = 0", "session.max_sessions = 0"),
+            (
+                "[session]\nmax_ttl_ms = 50",
+                "session.default_ttl_ms = 100: must be at most session.max_ttl_ms = 50 ms",
+            ),
+            ("[session]\ndefault_ttl_ms = -1", "session.default_ttl_ms = -1"),
+        ] {
+            let said = refusal(text);
+            assert!(said.starts_with("server.toml:") && said.contains(named), "{named}: {said}");
+        }
+    }
+
+    #[test]
+    fn beyond_loopback_has_to_be_asked_for() {
+        for listen in ["0.0.0.0", "192.168.1.2", "::", "2001:db8::1"] {
+            let text = format!("[server]\nlisten = \"{listen}\"\n");
+            let said = refusal(&text);
+            assert!(said.contains("server.listen") && said.contains("insecure = true"), "{said}");
+            assert!(ServerConfig::from_toml(&format!("{text}insecure = true"), "f").is_ok());
+            let over = Overrides { insecure: true, ..Overrides::default() };
+            assert!(ServerConfig::with_overrides(&text, "f", over).is_ok());
+        }
+        for listen in ["127.0.0.1", "127.3.2.1", "::1"] {
+            let over = Overrides { listen: listen.parse().ok(), ..Overrides::default() };
+            assert!(ServerConfig::with_overrides("", "f", over).is_ok());
+        }
+        let over = Overrides { listen: "0.0.0.0".parse().ok(), ..Overrides::default() };
+        assert!(ServerConfig::with_overrides("", "f", over).is_err());
+    }
+
+    #[test]
+    fn the_command_line_goes_before_the_file() {
+        let over = Overrides {
+            device: Some("two-link".into()),
+            hand: Some(HandProgram::Hold),
+            state_dir: Some("/elsewhere".into()),
+            ..Overrides::default()
+        };
+        let text = "device = \"cho-2005-crossed\"\nhand = \"circle\"\nstate_dir = \"/there\"\n";
+        let config = ServerConfig::with_overrides(text, "f", over).unwrap();
+        assert_eq!(config.device, "two-link");
+        assert_eq!(config.hand, HandProgram::Hold);
+        assert_eq!(config.state_dir, Some("/elsewhere".into()));
+        assert_eq!(config.address(config.http_port).to_string(), "127.0.0.1:7353");
+    }
+
+    #[test]
+    fn state_is_kept_where_xdg_says() {
+        let with = |state_home: Option<&'static str>, home: Option<&'static str>| {
+            default_state_dir(move |name| match name {
+                "XDG_STATE_HOME" => state_home.map(OsString::from),
+                "HOME" => home.map(OsString::from),
+                _ => None,
+            })
+        };
+        assert_eq!(with(Some("/s"), Some("/h")), Some("/s/hapticd".into()));
+        assert_eq!(with(None, Some("/h")), Some("/h/.local/state/hapticd".into()));
+        assert_eq!(with(Some("relative"), Some("/h")), Some("/h/.local/state/hapticd".into()));
+        assert_eq!(with(Some(""), None), None);
+    }
+}

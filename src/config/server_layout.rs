@@ -1,0 +1,133 @@
+//! The layout of the server file, and the check of each of its values.
+//!
+//! Numbers are read as TOML's own integers and checked here, so that a refusal can name the
+//! range; an absent key takes its value from [`ServerConfig::default`].
+
+use std::net::IpAddr;
+use std::path::PathBuf;
+
+use serde::Deserialize;
+
+use super::server::{LogConfig, RealtimePolicy, ServerConfig, SessionLimits};
+use crate::device::HandProgram;
+use crate::units::{self, FieldError};
+
+/// The layout of the file.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct ServerLayout {
+    device: Option<String>,
+    hand: Option<String>,
+    realtime: RealtimePolicy,
+    rt_priority: Option<i64>,
+    rt_cpu: Option<i64>,
+    state_dir: Option<PathBuf>,
+    server: AddressLayout,
+    log: LogConfig,
+    session: SessionLayout,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct AddressLayout {
+    listen: Option<String>,
+    grpc_port: Option<i64>,
+    stream_port: Option<i64>,
+    http_port: Option<i64>,
+    insecure: bool,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct SessionLayout {
+    max_sessions: Option<i64>,
+    default_ttl_ms: Option<i64>,
+    max_ttl_ms: Option<i64>,
+}
+
+impl ServerLayout {
+    /// The values of all tables; whether they may go together beyond loopback is not asked here.
+    pub fn check(self) -> Result<ServerConfig, FieldError> {
+        let usual = ServerConfig::default();
+        let Self { server, session, .. } = self;
+        Ok(ServerConfig {
+            listen: server.listen.map_or(Ok(usual.listen), |text| check_listen(&text))?,
+            grpc_port: whole("server.grpc_port", &units::PORT, server.grpc_port, usual.grpc_port)?,
+            stream_port: whole(
+                "server.stream_port",
+                &units::PORT,
+                server.stream_port,
+                usual.stream_port,
+            )?,
+            http_port: whole("server.http_port", &units::PORT, server.http_port, usual.http_port)?,
+            insecure: server.insecure,
+            device: self.device.unwrap_or(usual.device),
+            hand: self.hand.map_or(Ok(usual.hand), |text| check_hand(&text))?,
+            realtime: self.realtime,
+            rt_priority: whole(
+                "rt_priority",
+                &units::PRIORITY,
+                self.rt_priority,
+                usual.rt_priority,
+            )?,
+            rt_cpu: self
+                .rt_cpu
+                .map(|cpu| whole("rt_cpu", &units::PROCESSOR, Some(cpu), 0))
+                .transpose()?,
+            state_dir: self.state_dir,
+            log: self.log,
+            session: session.check(&usual.session)?,
+        })
+    }
+}
+
+impl SessionLayout {
+    fn check(&self, usual: &SessionLimits) -> Result<SessionLimits, FieldError> {
+        let time = |name, written, usual| whole(name, &units::TIME_TO_LIVE, written, usual);
+        let limits = SessionLimits {
+            max_sessions: whole(
+                "session.max_sessions",
+                &units::SESSIONS,
+                self.max_sessions,
+                usual.max_sessions,
+            )?,
+            default_ttl_ms: time(
+                "session.default_ttl_ms",
+                self.default_ttl_ms,
+                usual.default_ttl_ms,
+            )?,
+            max_ttl_ms: time("session.max_ttl_ms", self.max_ttl_ms, usual.max_ttl_ms)?,
+        };
+        if limits.default_ttl_ms > limits.max_ttl_ms {
+            let allowed = format!("must be at most session.max_ttl_ms = {} ms", limits.max_ttl_ms);
+            return Err(FieldError::new("session.default_ttl_ms", limits.default_ttl_ms, allowed));
+        }
+        Ok(limits)
+    }
+}
+
+/// A count in its range, or the default where none is written.
+fn whole<T: TryFrom<u64>>(
+    field: &str,
+    range: &units::Range,
+    written: Option<i64>,
+    usual: T,
+) -> Result<T, FieldError> {
+    let Some(value) = written else {
+        return Ok(usual);
+    };
+    let refusal = |_| FieldError::new(field, value, format!("must be a whole number in {range}"));
+    T::try_from(range.check_whole(field, value)?).map_err(refusal)
+}
+
+fn check_listen(text: &str) -> Result<IpAddr, FieldError> {
+    let allowed = "must be an IP address, such as 127.0.0.1 or ::1";
+    text.parse().map_err(|_| FieldError::new("server.listen", format!("{text:?}"), allowed))
+}
+
+fn check_hand(text: &str) -> Result<HandProgram, FieldError> {
+    text.parse().map_err(|_| {
+        let names = HandProgram::all().map(|program| format!("{:?}", program.name())).join(", ");
+        FieldError::new("hand", format!("{text:?}"), format!("must be one of {names}"))
+    })
+}

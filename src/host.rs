@@ -1,0 +1,147 @@
+//! One device as the services see it: its description, its mode, its scene, its last report.
+//!
+//! The only way from configuration to the real-time thread: whoever wants something of a
+//! running device comes through here, one at a time. A scene edit is made on a copy, checked,
+//! written to disk, put in force at a tick's edge, and only then true; if the device does not
+//! take it, the disk is put back. Blocking calls, milliseconds; never from the stream thread.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use crate::config::{DeviceDefinition, Scene, SceneError, SceneFile, StateError, build_plan};
+use crate::control::{ControlCommand, ControlReply, Mode, ModeCommand, ModeRefusal, Report};
+use crate::link::SupervisorEnd;
+use crate::rt::now_ns;
+use crate::telemetry::LatestReport;
+
+/// A command waits this long for the loop; at 1 kHz it takes a millisecond.
+const PATIENCE: Duration = Duration::from_millis(1000);
+
+/// Pause between two looks at the reply ring.
+const PAUSE: Duration = Duration::from_micros(200);
+
+/// A loop whose newest report is older than this does not turn.
+const DEAD_AFTER: Duration = Duration::from_millis(500);
+
+/// The supervisor's end of the bridges.
+pub type Supervisor = SupervisorEnd<ControlCommand, ControlReply>;
+
+/// Why something was not done.
+#[derive(Debug, thiserror::Error)]
+pub enum HostError {
+    /// The mode does not allow it.
+    #[error(transparent)]
+    Mode(#[from] ModeRefusal),
+    /// The scene does not allow it.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// It could not be kept.
+    #[error(transparent)]
+    State(#[from] StateError),
+    /// The real-time thread does not answer.
+    #[error("the device's loop did not answer within {} ms; nothing was changed", PATIENCE.as_millis())]
+    Unresponsive,
+}
+
+/// One device.
+#[derive(Debug)]
+pub struct DeviceHost {
+    definition: DeviceDefinition,
+    supervisor: Mutex<Supervisor>,
+    scene: Mutex<KeptScene>,
+    latest: LatestReport,
+}
+
+#[derive(Debug)]
+struct KeptScene {
+    scene: Scene,
+    file: SceneFile,
+}
+
+impl DeviceHost {
+    /// A running device with the scene that it runs with.
+    pub fn new(
+        definition: DeviceDefinition,
+        supervisor: Supervisor,
+        scene: Scene,
+        file: SceneFile,
+        latest: LatestReport,
+    ) -> Self {
+        let scene = Mutex::new(KeptScene { scene, file });
+        Self { definition, supervisor: Mutex::new(supervisor), scene, latest }
+    }
+
+    /// What the device is.
+    pub fn definition(&self) -> &DeviceDefinition {
+        &self.definition
+    }
+
+    /// What the last tick sensed and decided.
+    pub fn report(&self) -> Report {
+        self.latest.get()
+    }
+
+    /// True while the loop turns.
+    pub fn is_alive(&self) -> bool {
+        let age_ns = now_ns().saturating_sub(self.report().time_ns);
+        Duration::from_nanos(age_ns) < DEAD_AFTER
+    }
+
+    /// Changes the mode; returns the mode then.
+    pub fn change_mode(&self, command: ModeCommand) -> Result<Mode, HostError> {
+        match self.execute(ControlCommand::Mode(command))? {
+            ControlReply::Mode(answer) => Ok(answer?),
+            ControlReply::Retired(_) => Err(HostError::Unresponsive),
+        }
+    }
+
+    /// The resident scene.
+    pub fn scene(&self) -> Scene {
+        lock(&self.scene).scene.clone()
+    }
+
+    /// Edits the scene; returns what `edit` returned and the scene then.
+    pub fn edit_scene<T>(
+        &self,
+        edit: impl FnOnce(&mut Scene) -> Result<T, SceneError>,
+    ) -> Result<(T, Scene), HostError> {
+        let mut kept = lock(&self.scene);
+        let mut next = kept.scene.clone();
+        let result = edit(&mut next)?;
+        let plan = Box::new(build_plan(&self.definition, &next));
+        kept.file.save(&next)?;
+        if let Err(error) = self.execute(ControlCommand::SwapPlan(plan)) {
+            let KeptScene { scene, file } = &mut *kept;
+            // Should the loop come back and find the new plan waiting, the old one follows it.
+            let plan = Box::new(build_plan(&self.definition, scene));
+            let _ = lock(&self.supervisor).commands.push(ControlCommand::SwapPlan(plan));
+            file.save(scene)?;
+            return Err(error);
+        }
+        kept.scene = next.clone();
+        Ok((result, next))
+    }
+
+    /// Sends one command and waits for its reply.
+    fn execute(&self, command: ControlCommand) -> Result<ControlReply, HostError> {
+        let mut supervisor = lock(&self.supervisor);
+        // A reply that nobody waited for any more belongs to an older command.
+        while supervisor.replies.pop().is_ok() {}
+        supervisor.commands.push(command).map_err(|_| HostError::Unresponsive)?;
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            if let Ok(reply) = supervisor.replies.pop() {
+                return Ok(reply);
+            }
+            if Instant::now() > deadline {
+                return Err(HostError::Unresponsive);
+            }
+            std::thread::sleep(PAUSE);
+        }
+    }
+}
+
+/// A panic elsewhere leaves whole values behind: every change here is one assignment.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

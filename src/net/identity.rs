@@ -1,0 +1,122 @@
+//! The server's certificate: made once, kept in the state directory, known by its hash.
+
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use rustls::pki_types::pem::PemObject;
+use rustls::pki_types::{CertificateDer, PrivateKeyDer};
+
+use crate::quic::fingerprint;
+
+/// One file holds both, so that they can only be replaced together.
+const FILE: &str = "identity.pem";
+
+/// A certificate with its key.
+#[derive(Debug)]
+pub struct Identity {
+    /// What clients see.
+    pub certificate: CertificateDer<'static>,
+    /// What proves it.
+    pub key: PrivateKeyDer<'static>,
+}
+
+/// Why there is no identity.
+#[derive(Debug, thiserror::Error)]
+pub enum IdentityError {
+    /// The file cannot be read or written.
+    #[error("{path}: {source}")]
+    File { path: PathBuf, source: std::io::Error },
+    /// The file holds no certificate with its key. It is left as it is.
+    #[error(
+        "{path}: {what}; move the file away to get a new identity (clients must then learn its hash)"
+    )]
+    Malformed { path: PathBuf, what: String },
+    /// No certificate could be made.
+    #[error("cannot make a certificate: {0}")]
+    Generate(#[from] rcgen::Error),
+}
+
+impl Identity {
+    /// The identity kept in `state_dir`, made and kept there if there is none yet.
+    pub fn load_or_create(state_dir: &Path) -> Result<Self, IdentityError> {
+        let path = state_dir.join(FILE);
+        let file = |source| IdentityError::File { path: path.clone(), source };
+        match fs::read(&path) {
+            Ok(pem) => Self::from_pem(&path, &pem),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                let pem = generate()?;
+                keep(state_dir, &path, &pem).map_err(file)?;
+                Self::from_pem(&path, pem.as_bytes())
+            }
+            Err(error) => Err(file(error)),
+        }
+    }
+
+    /// SHA-256 of the certificate.
+    pub fn sha256(&self) -> [u8; 32] {
+        fingerprint(&self.certificate)
+    }
+
+    fn from_pem(path: &Path, pem: &[u8]) -> Result<Self, IdentityError> {
+        let malformed = |what: &str, error: &dyn std::fmt::Display| IdentityError::Malformed {
+            path: path.to_owned(),
+            what: format!("{what}: {error}"),
+        };
+        let certificate = CertificateDer::from_pem_slice(pem)
+            .map_err(|error| malformed("no certificate", &error))?;
+        let key = PrivateKeyDer::from_pem_slice(pem)
+            .map_err(|error| malformed("no private key", &error))?;
+        Ok(Self { certificate, key })
+    }
+}
+
+fn generate() -> Result<String, rcgen::Error> {
+    let names = vec!["hapticd".to_owned(), "localhost".to_owned()];
+    let certified = rcgen::generate_simple_self_signed(names)?;
+    Ok(format!("{}{}", certified.cert.pem(), certified.signing_key.serialize_pem()))
+}
+
+/// Written beside, synced, then put in place; readable by the owner alone.
+fn keep(state_dir: &Path, path: &Path, pem: &str) -> std::io::Result<()> {
+    fs::create_dir_all(state_dir)?;
+    let mut file = tempfile::NamedTempFile::new_in(state_dir)?;
+    file.write_all(pem.as_bytes())?;
+    file.as_file().sync_all()?;
+    file.persist(path).map_err(|error| error.error)?;
+    fs::File::open(state_dir)?.sync_all()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_identity_is_made_once_and_kept() {
+        let dir = tempfile::tempdir().unwrap();
+        let first = Identity::load_or_create(dir.path()).unwrap().sha256();
+        assert_eq!(Identity::load_or_create(dir.path()).unwrap().sha256(), first);
+        let other = tempfile::tempdir().unwrap();
+        assert_ne!(Identity::load_or_create(other.path()).unwrap().sha256(), first);
+    }
+
+    #[test]
+    fn a_broken_identity_is_named_and_left_alone() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join(FILE);
+        fs::write(&path, "rubbish").unwrap();
+        let error = Identity::load_or_create(dir.path()).unwrap_err().to_string();
+        assert!(error.contains("identity.pem") && error.contains("no certificate"), "{error}");
+        assert_eq!(fs::read_to_string(&path).unwrap(), "rubbish");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn nobody_else_can_read_the_key() {
+        use std::os::unix::fs::PermissionsExt;
+        let dir = tempfile::tempdir().unwrap();
+        Identity::load_or_create(dir.path()).unwrap();
+        let mode = fs::metadata(dir.path().join(FILE)).unwrap().permissions().mode();
+        assert_eq!(mode & 0o077, 0);
+    }
+}

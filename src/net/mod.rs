@@ -1,0 +1,16 @@
+//! The server's sockets: the stream, the services, and the page that Prometheus reads.
+//!
+//! The stream has a thread and a single-threaded runtime of its own, so that configuration
+//! never delays a force; services and HTTP share another runtime. Nothing here decides
+//! anything: the stream asks [`crate::session`], the services ask [`crate::host`].
+//! It never sees the real-time thread.
+
+mod grpc;
+mod http;
+mod identity;
+mod stream;
+
+pub use grpc::serve as serve_grpc;
+pub use http::serve as serve_http;
+pub use identity::{Identity, IdentityError};
+pub use stream::{StreamError, StreamHandle, StreamParts, spawn as spawn_stream};

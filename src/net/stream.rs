@@ -1,0 +1,357 @@
+//! The stream thread: QUIC connections in and out of one device's [`Sessions`].
+//!
+//! One thread, one runtime, no lock: connections, the doorbell of the real-time thread and
+//! the timer are tasks that take turns on the same hub. A datagram becomes a setpoint, and a
+//! report becomes datagrams, without waiting for anything else.
+
+use std::cell::RefCell;
+use std::collections::HashMap;
+use std::io;
+use std::net::{SocketAddr, UdpSocket};
+use std::os::fd::OwnedFd;
+use std::rc::Rc;
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use hdrhistogram::Histogram;
+use quinn::crypto::rustls::QuicServerConfig;
+use quinn::{Connection, Endpoint, EndpointConfig, Incoming, ServerConfig, VarInt};
+use tokio::io::Interest;
+use tokio::io::unix::AsyncFd;
+use tokio::sync::{mpsc, oneshot};
+
+use super::Identity;
+use crate::control::{Report, Setpoint};
+use crate::link::StreamEnd;
+use crate::proto::StreamMessage;
+use crate::quic;
+use crate::rt::now_ns;
+use crate::session::{Output, Role, SessionConfig, SessionId, Sessions, Transport};
+use crate::telemetry::{self, StreamMetrics};
+use crate::wire::{FrameDecoder, encode_frame};
+
+/// Messages that may wait on a reliable stream; a client that reads nothing loses it.
+const WAITING_MESSAGES: usize = 256;
+
+/// Time for a Bye to reach its client before the connection is closed.
+const FAREWELL: Duration = Duration::from_millis(250);
+
+/// The timer's pace: pings are due every 100 ms, silence is judged in seconds.
+const TIMER: Duration = Duration::from_millis(10);
+
+/// Everything the thread is given.
+#[derive(Debug)]
+pub struct StreamParts {
+    /// Bound already, so that a port in use is known at once.
+    pub socket: UdpSocket,
+    /// The server's certificate.
+    pub identity: Identity,
+    /// What the sessions take as given.
+    pub sessions: SessionConfig,
+    /// The bridge to the real-time thread.
+    pub link: StreamEnd<Setpoint, Report>,
+    /// Rung by it after every tick.
+    pub doorbell: OwnedFd,
+    /// Where to count.
+    pub metrics: StreamMetrics,
+}
+
+/// Why the stream cannot be served.
+#[derive(Debug, thiserror::Error)]
+pub enum StreamError {
+    /// The certificate does not fit.
+    #[error("cannot set up TLS for the stream: {0}")]
+    Tls(#[from] rustls::Error),
+    /// No thread or runtime.
+    #[error("cannot start the stream thread: {0}")]
+    Start(#[from] io::Error),
+}
+
+/// The running thread.
+#[derive(Debug)]
+pub struct StreamHandle {
+    /// Where it listens.
+    pub address: SocketAddr,
+    shutdown: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<Histogram<u64>>>,
+}
+
+impl StreamHandle {
+    /// Says Bye to everyone and ends the thread. Returns the round trips of its pings, ns.
+    pub fn stop(&mut self) -> Option<Histogram<u64>> {
+        drop(self.shutdown.take());
+        self.thread.take()?.join().ok()
+    }
+}
+
+impl Drop for StreamHandle {
+    fn drop(&mut self) {
+        self.stop();
+    }
+}
+
+/// Starts the thread.
+pub fn spawn(parts: StreamParts) -> Result<StreamHandle, StreamError> {
+    let config = server_config(&parts.identity)?;
+    let address = parts.socket.local_addr()?;
+    parts.socket.set_nonblocking(true)?;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let (shutdown, stopped) = oneshot::channel();
+    let thread = std::thread::Builder::new().name("hapticd-stream".into()).spawn(move || {
+        let local = tokio::task::LocalSet::new();
+        local.block_on(&runtime, serve(parts, config, stopped))
+    })?;
+    Ok(StreamHandle { address, shutdown: Some(shutdown), thread: Some(thread) })
+}
+
+fn server_config(identity: &Identity) -> Result<ServerConfig, StreamError> {
+    let chain = vec![identity.certificate.clone()];
+    let mut tls = rustls::ServerConfig::builder_with_provider(quic::provider())
+        .with_protocol_versions(&[&rustls::version::TLS13])?
+        .with_no_client_auth()
+        .with_single_cert(chain, identity.key.clone_key())?;
+    tls.alpn_protocols = vec![quic::alpn()];
+    let tls = QuicServerConfig::try_from(tls)
+        .map_err(|error| rustls::Error::General(error.to_string()))?;
+    let mut config = ServerConfig::with_crypto(Arc::new(tls));
+    config.transport_config(quic::server_transport());
+    Ok(config)
+}
+
+/// A connected client.
+struct Peer {
+    connection: Connection,
+    messages: mpsc::Sender<Vec<u8>>,
+}
+
+/// What the tasks share, one at a time.
+struct Hub {
+    sessions: Sessions,
+    link: StreamEnd<Setpoint, Report>,
+    peers: HashMap<SessionId, Peer>,
+    metrics: StreamMetrics,
+    round_trips_ns: Histogram<u64>,
+}
+
+type Shared = Rc<RefCell<Hub>>;
+
+async fn serve(
+    parts: StreamParts,
+    config: ServerConfig,
+    stopped: oneshot::Receiver<()>,
+) -> Histogram<u64> {
+    let hub = Rc::new(RefCell::new(Hub {
+        sessions: Sessions::new(parts.sessions),
+        link: parts.link,
+        peers: HashMap::new(),
+        metrics: parts.metrics,
+        round_trips_ns: telemetry::durations_ns(),
+    }));
+    let runtime = Arc::new(quinn::TokioRuntime);
+    match Endpoint::new(EndpointConfig::default(), Some(config), parts.socket, runtime) {
+        Ok(endpoint) => {
+            tokio::task::spawn_local(hear_doorbell(Rc::clone(&hub), parts.doorbell));
+            tokio::task::spawn_local(keep_time(Rc::clone(&hub)));
+            tokio::select! {
+                () = accept(&endpoint, &hub) => {}
+                _ = stopped => {}
+            }
+            end(&endpoint, &hub).await;
+        }
+        Err(error) => tracing::error!(%error, "the stream cannot be served"),
+    }
+    let round_trips_ns = hub.borrow().round_trips_ns.clone();
+    round_trips_ns
+}
+
+async fn accept(endpoint: &Endpoint, hub: &Shared) {
+    while let Some(incoming) = endpoint.accept().await {
+        tokio::task::spawn_local(attend(Rc::clone(hub), incoming));
+    }
+}
+
+async fn end(endpoint: &Endpoint, hub: &Shared) {
+    {
+        let mut hub = hub.borrow_mut();
+        hub.sessions.shutdown(now_ns());
+        hub.act();
+    }
+    let _ = tokio::time::timeout(2 * FAREWELL, async {
+        while !hub.borrow().peers.is_empty() {
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+    })
+    .await;
+    endpoint.close(VarInt::from_u32(0), b"shutdown");
+    let _ = tokio::time::timeout(FAREWELL, endpoint.wait_idle()).await;
+}
+
+/// One client from handshake to farewell.
+async fn attend(hub: Shared, incoming: Incoming) {
+    let Ok(connection) = incoming.await else { return };
+    let connected = hub.borrow_mut().sessions.connect(Transport::Quic, now_ns());
+    let id = match connected {
+        Ok(id) => id,
+        Err(full) => return refuse(&connection, &full.bye()).await,
+    };
+    let (messages, outgoing) = mpsc::channel(WAITING_MESSAGES);
+    let peer = Peer { connection: connection.clone(), messages };
+    hub.borrow_mut().peers.insert(id, peer);
+    tracing::debug!(session = %id, address = %connection.remote_address(), "connected");
+    tokio::select! {
+        () = hear_datagrams(&hub, id, &connection) => {}
+        () = converse(&hub, id, &connection, outgoing) => {}
+    }
+    let mut hub = hub.borrow_mut();
+    hub.peers.remove(&id);
+    hub.sessions.disconnect(id, now_ns());
+    hub.act();
+    tracing::debug!(session = %id, "gone");
+}
+
+/// Tells a client for whom there is no room.
+async fn refuse(connection: &Connection, bye: &StreamMessage) {
+    let farewell = async {
+        if let Ok((mut send, _)) = connection.accept_bi().await {
+            let _ = send.write_all(&encode_frame(bye)).await;
+            let _ = send.finish();
+            let _ = send.stopped().await;
+        }
+    };
+    let _ = tokio::time::timeout(FAREWELL, farewell).await;
+    connection.close(VarInt::from_u32(1), b"too many sessions");
+}
+
+async fn hear_datagrams(hub: &Shared, id: SessionId, connection: &Connection) {
+    while let Ok(bytes) = connection.read_datagram().await {
+        let mut hub = hub.borrow_mut();
+        hub.sessions.on_datagram(id, &bytes, now_ns());
+        hub.act();
+    }
+}
+
+/// The reliable stream, both ways; ends when the client is to be left.
+async fn converse(
+    hub: &Shared,
+    id: SessionId,
+    connection: &Connection,
+    mut outgoing: mpsc::Receiver<Vec<u8>>,
+) {
+    let Ok((mut send, mut receive)) = connection.accept_bi().await else { return };
+    let reading = async {
+        let mut frames = FrameDecoder::default();
+        while let Ok(Some(chunk)) = receive.read_chunk(16 * 1024, true).await {
+            let mut bytes: &[u8] = &chunk.bytes;
+            let mut hub = hub.borrow_mut();
+            loop {
+                match frames.next(&mut bytes) {
+                    Ok(Some(message)) => hub.sessions.on_message(id, message, now_ns()),
+                    Ok(None) => break,
+                    Err(error) => {
+                        hub.sessions.on_broken_stream(id, error, now_ns());
+                        break;
+                    }
+                }
+            }
+            hub.act();
+        }
+        // The client has closed its side; the session lives on by datagrams until it is
+        // silent or says Bye.
+        std::future::pending::<()>().await;
+    };
+    let writing = async {
+        while let Some(bytes) = outgoing.recv().await {
+            if send.write_all(&bytes).await.is_err() {
+                return;
+            }
+        }
+        // No more to say: the session is over, its Bye is written.
+        let _ = send.finish();
+        let _ = tokio::time::timeout(FAREWELL, send.stopped()).await;
+        connection.close(VarInt::from_u32(0), b"bye");
+    };
+    tokio::select! {
+        () = reading => {}
+        () = writing => {}
+    }
+}
+
+/// Every tick of the device becomes State for those who want it.
+async fn hear_doorbell(hub: Shared, doorbell: OwnedFd) {
+    // SAFETY: the OwnedFd is moved in, so the same open descriptor lives as long as the
+    // AsyncFd and nobody else can close or replace it.
+    #[allow(unsafe_code)]
+    let registered = unsafe { AsyncFd::register_with_interest(doorbell, Interest::READABLE) };
+    let doorbell = match registered {
+        Ok(doorbell) => doorbell,
+        Err(error) => return tracing::error!(%error, "cannot wait for the device"),
+    };
+    while let Ok(mut ready) = doorbell.readable().await {
+        let mut count = [0; 8];
+        // An eventfd gives its whole count at once; then it would block until the next tick.
+        let _ = rustix::io::read(doorbell.get_ref(), &mut count);
+        ready.clear_ready();
+        let mut hub = hub.borrow_mut();
+        while let Ok(report) = hub.link.reports.pop() {
+            hub.sessions.on_report(&report, now_ns());
+        }
+        hub.act();
+    }
+}
+
+async fn keep_time(hub: Shared) {
+    let mut interval = tokio::time::interval(TIMER);
+    interval.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+    loop {
+        interval.tick().await;
+        let mut hub = hub.borrow_mut();
+        if hub.sessions.next_timeout().is_some_and(|due_ns| due_ns <= now_ns()) {
+            hub.sessions.on_timeout(now_ns());
+            hub.act();
+        }
+        hub.publish();
+    }
+}
+
+impl Hub {
+    /// Does what the sessions want done.
+    fn act(&mut self) {
+        while let Some(output) = self.sessions.poll_output() {
+            match output {
+                Output::Setpoint(setpoint) => self.link.setpoint.write(*setpoint),
+                Output::Datagram { to, bytes } => {
+                    if let Some(peer) = self.peers.get(&to) {
+                        // Never waits; drops the oldest. A closing connection loses it.
+                        let _ = peer.connection.send_datagram(bytes.into());
+                    }
+                }
+                Output::Message { to, message } => self.say(to, &message),
+                Output::Close { to, reason, detail } => {
+                    tracing::info!(session = %to, reason = reason.as_str_name(), detail, "session ended");
+                    // Its writer sends what is queued, then closes the connection.
+                    self.peers.remove(&to);
+                }
+                Output::Rtt { transport, rtt_ns } => {
+                    self.metrics.rtt(transport, rtt_ns);
+                    self.round_trips_ns.saturating_record(rtt_ns);
+                }
+            }
+        }
+    }
+
+    fn say(&mut self, to: SessionId, message: &StreamMessage) {
+        let Some(peer) = self.peers.get(&to) else { return };
+        if peer.messages.try_send(encode_frame(message)).is_err() {
+            peer.connection.close(VarInt::from_u32(2), b"you do not read");
+        }
+    }
+
+    fn publish(&mut self) {
+        self.metrics.publish(self.sessions.counters());
+        for role in Role::ALL {
+            let open = self.sessions.list(now_ns()).filter(|session| session.role == role).count();
+            self.metrics.sessions(role, Transport::Quic, open);
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! What the sessions of one device take as given, and the names that identify a session.
+
+use std::fmt;
+
+/// How a client is connected: a label of metrics, no difference in behaviour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Transport {
+    /// QUIC streams and datagrams.
+    Quic,
+}
+
+impl Transport {
+    /// Every transport, for tables of metrics.
+    pub const ALL: [Self; 1] = [Self::Quic];
+
+    /// The name used in metrics.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Quic => "quic",
+        }
+    }
+}
+
+/// What a session may do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// Receives State.
+    Observer,
+    /// Holds the lease and commands.
+    Controller,
+}
+
+impl Role {
+    /// Every role, for tables of metrics.
+    pub const ALL: [Self; 2] = [Self::Observer, Self::Controller];
+
+    /// The name used in metrics.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Observer => "observer",
+            Self::Controller => "controller",
+        }
+    }
+}
+
+/// One session of a device; never used twice while the server runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct SessionId(pub(super) u64);
+
+/// The resource name, `sessions/ID`.
+impl fmt::Display for SessionId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "sessions/{}", self.0)
+    }
+}
+
+/// What the sessions of one device take as given.
+#[derive(Clone, Debug)]
+pub struct SessionConfig {
+    /// NAME of `devices/NAME`.
+    pub device: String,
+    /// Time between ticks.
+    pub tick_ns: u64,
+    /// Freedoms the device actuates.
+    pub freedoms: u32,
+    /// Its actuators.
+    pub actuators: u32,
+    /// More connections are refused.
+    pub max_sessions: usize,
+    /// How long contacts hold whose command does not say.
+    pub default_ttl_ms: u32,
+    /// How long any command can hold.
+    pub max_ttl_ms: u32,
+    /// Where the services listen.
+    pub grpc_port: u16,
+    /// UTC minus the device clock, as the server starts.
+    pub utc_minus_device_ns: i64,
+}
+
+impl SessionConfig {
+    /// A device with the usual bounds, UTC and gRPC unknown.
+    pub fn new(device: impl Into<String>, tick_ns: u64, freedoms: u32, actuators: u32) -> Self {
+        Self {
+            device: device.into(),
+            tick_ns,
+            freedoms,
+            actuators,
+            max_sessions: 64,
+            default_ttl_ms: 100,
+            max_ttl_ms: 200,
+            grpc_port: 0,
+            utc_minus_device_ns: 0,
+        }
+    }
+
+    /// The resource name of the device.
+    pub(super) fn device_name(&self) -> String {
+        format!("devices/{}", self.device)
+    }
+
+    /// UTC at a moment of the device clock.
+    pub(super) fn utc_ns(&self, now_ns: u64) -> u64 {
+        now_ns.saturating_add_signed(self.utc_minus_device_ns)
+    }
+}

@@ -1,0 +1,140 @@
+//! What the sessions count: datagrams by outcome, and commands that did not last.
+//!
+//! Totals only grow; the caller reads them whenever it publishes metrics.
+
+use super::Transport;
+
+/// What became of a datagram.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// Understood and acted on.
+    Accepted,
+    /// Not a datagram of the protocol.
+    Malformed,
+    /// Longer than any datagram of the protocol.
+    Oversize,
+    /// A command of a session without the lease.
+    NotAllowed,
+    /// A command not newer than the last.
+    Old,
+    /// A command with a value out of range.
+    Invalid,
+    /// Before the handshake, of the wrong kind, or an answer to nothing.
+    Unexpected,
+    /// Handed to the transport.
+    Sent,
+    /// Found no room on its way to the transport.
+    Dropped,
+}
+
+impl Outcome {
+    /// Every outcome, for tables of metrics.
+    pub const ALL: [Self; 9] = [
+        Self::Accepted,
+        Self::Malformed,
+        Self::Oversize,
+        Self::NotAllowed,
+        Self::Old,
+        Self::Invalid,
+        Self::Unexpected,
+        Self::Sent,
+        Self::Dropped,
+    ];
+
+    /// The name used in metrics.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Accepted => "accepted",
+            Self::Malformed => "malformed",
+            Self::Oversize => "oversize",
+            Self::NotAllowed => "not_allowed",
+            Self::Old => "old",
+            Self::Invalid => "invalid",
+            Self::Unexpected => "unexpected",
+            Self::Sent => "sent",
+            Self::Dropped => "dropped",
+        }
+    }
+
+    /// The direction it belongs to, as metrics name it.
+    pub fn direction(self) -> &'static str {
+        match self {
+            Self::Sent | Self::Dropped => "out",
+            _ => "in",
+        }
+    }
+}
+
+/// Why a controller's force ended other than by a newer command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StaleReason {
+    /// Its time-to-live ran out.
+    Ttl,
+    /// Nothing was heard from the controller for too long.
+    Silent,
+    /// Its connection ended, or broke the protocol.
+    Disconnected,
+    /// The controller said goodbye, or the server shut down.
+    Released,
+}
+
+impl StaleReason {
+    /// Every reason, for tables of metrics.
+    pub const ALL: [Self; 4] = [Self::Ttl, Self::Silent, Self::Disconnected, Self::Released];
+
+    /// The name used in metrics.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ttl => "ttl",
+            Self::Silent => "silent",
+            Self::Disconnected => "disconnected",
+            Self::Released => "released",
+        }
+    }
+}
+
+/// Totals since the start.
+#[derive(Clone, Debug, Default)]
+pub struct Counters {
+    datagrams: [[u64; Outcome::ALL.len()]; Transport::ALL.len()],
+    stale: [u64; StaleReason::ALL.len()],
+}
+
+impl Counters {
+    /// Datagrams of one transport with one outcome.
+    pub fn datagrams(&self, transport: Transport, outcome: Outcome) -> u64 {
+        self.datagrams[transport as usize][outcome as usize]
+    }
+
+    /// Forces that ended for one reason.
+    pub fn stale(&self, reason: StaleReason) -> u64 {
+        self.stale[reason as usize]
+    }
+
+    pub(super) fn count_datagram(&mut self, transport: Transport, outcome: Outcome) {
+        self.datagrams[transport as usize][outcome as usize] += 1;
+    }
+
+    pub(super) fn count_stale(&mut self, reason: StaleReason) {
+        self.stale[reason as usize] += 1;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_kind_has_its_own_name_and_place() {
+        for (index, outcome) in Outcome::ALL.into_iter().enumerate() {
+            assert_eq!(outcome as usize, index);
+        }
+        for (index, reason) in StaleReason::ALL.into_iter().enumerate() {
+            assert_eq!(reason as usize, index);
+        }
+        let mut names = Outcome::ALL.map(Outcome::name).to_vec();
+        names.sort_unstable();
+        names.dedup();
+        assert_eq!(names.len(), Outcome::ALL.len());
+    }
+}

@@ -1,0 +1,296 @@
+//! Hello and its answer: what a client asks for becomes terms, or a reason why not.
+//!
+//! Only the words are judged here; whether the lease is free is the lease's business. What
+//! a refusal repeats of the client's text is cut short and escaped: it goes into logs.
+
+use crate::proto::{self, Bye, ByeReason, Hello, StreamMessage, Welcome, stream_message::Body};
+use crate::units::FieldError;
+use crate::wire::{PROTOCOL, choose};
+
+use super::{Role, SessionConfig, SessionId};
+
+const MAX_NAME_BYTES: usize = 64;
+const COMMAND_INTERVAL_US: std::ops::RangeInclusive<u32> = 1_000..=50_000;
+const MAX_STATE_INTERVAL_US: u32 = 1_000_000;
+const MIN_DATAGRAM_BYTES: u32 = 300;
+const NS_PER_US: u64 = 1_000;
+
+/// What a session was granted.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Terms {
+    pub client_name: String,
+    pub role: Role,
+    pub command_interval_ns: u64,
+    /// 0: every tick.
+    pub state_interval_ns: u64,
+}
+
+/// Why there is no session.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Refusal {
+    pub reason: ByeReason,
+    pub detail: String,
+}
+
+impl From<FieldError> for Refusal {
+    fn from(error: FieldError) -> Self {
+        Self { reason: ByeReason::Invalid, detail: error.to_string() }
+    }
+}
+
+/// The terms that a Hello asks for.
+pub(super) fn agree(hello: &Hello, config: &SessionConfig) -> Result<Terms, Refusal> {
+    if choose(&hello.versions).is_none() {
+        let offered = shown(&hello.versions.join(", "));
+        let error = FieldError::new("versions", offered, format!("must contain {PROTOCOL}"));
+        return Err(refusal(ByeReason::Version, &error));
+    }
+    if !hello.device.is_empty() && hello.device != config.device_name() {
+        let allowed = format!("must be {} or empty", config.device_name());
+        let error = FieldError::new("device", shown(&hello.device), allowed);
+        return Err(refusal(ByeReason::UnknownDevice, &error));
+    }
+    check_datagram(hello.max_datagram_bytes)?;
+    Ok(Terms {
+        client_name: client_name(&hello.client_name)?,
+        role: role(hello)?,
+        command_interval_ns: command_interval_ns(hello.command_interval_us)?,
+        state_interval_ns: state_interval_ns(hello.state_interval_us, config)?,
+    })
+}
+
+fn refusal(reason: ByeReason, error: &FieldError) -> Refusal {
+    Refusal { reason, detail: error.to_string() }
+}
+
+fn client_name(name: &str) -> Result<String, FieldError> {
+    if name.len() > MAX_NAME_BYTES || name.chars().any(char::is_control) {
+        let allowed = format!("must be at most {MAX_NAME_BYTES} bytes without control characters");
+        return Err(FieldError::new("client_name", shown(name), allowed));
+    }
+    Ok(name.to_owned())
+}
+
+fn role(hello: &Hello) -> Result<Role, FieldError> {
+    match proto::Role::try_from(hello.role) {
+        Ok(proto::Role::Observer) => Ok(Role::Observer),
+        Ok(proto::Role::Controller) => Ok(Role::Controller),
+        _ => Err(FieldError::new(
+            "role",
+            hello.role,
+            "must be ROLE_OBSERVER (1) or ROLE_CONTROLLER (2)",
+        )),
+    }
+}
+
+fn command_interval_ns(interval_us: u32) -> Result<u64, FieldError> {
+    let (least, most) = (*COMMAND_INTERVAL_US.start(), *COMMAND_INTERVAL_US.end());
+    match interval_us {
+        0 => Ok(u64::from(least) * NS_PER_US),
+        _ if COMMAND_INTERVAL_US.contains(&interval_us) => Ok(u64::from(interval_us) * NS_PER_US),
+        _ => {
+            let allowed = format!("must be 0 or {least} to {most} us");
+            Err(FieldError::new("command_interval_us", interval_us, allowed))
+        }
+    }
+}
+
+fn state_interval_ns(interval_us: u32, config: &SessionConfig) -> Result<u64, FieldError> {
+    let tick_us = config.tick_ns.div_ceil(NS_PER_US);
+    let within = u64::from(interval_us) >= tick_us && interval_us <= MAX_STATE_INTERVAL_US;
+    if interval_us == 0 || within {
+        return Ok(u64::from(interval_us) * NS_PER_US);
+    }
+    let allowed = format!("must be 0 or {tick_us} to {MAX_STATE_INTERVAL_US} us");
+    Err(FieldError::new("state_interval_us", interval_us, allowed))
+}
+
+fn check_datagram(bytes: u32) -> Result<(), FieldError> {
+    if bytes == 0 || bytes >= MIN_DATAGRAM_BYTES {
+        return Ok(());
+    }
+    let allowed = format!("must be 0 or at least {MIN_DATAGRAM_BYTES} bytes");
+    Err(FieldError::new("max_datagram_bytes", bytes, allowed))
+}
+
+/// A client's text, short and harmless.
+fn shown(text: &str) -> String {
+    text.chars().take(MAX_NAME_BYTES).flat_map(char::escape_debug).collect()
+}
+
+/// The answer to a good Hello.
+pub(super) fn welcome(
+    id: SessionId,
+    lease_epoch: u64,
+    scene_revision: u64,
+    config: &SessionConfig,
+    now_ns: u64,
+) -> StreamMessage {
+    let tick_us = config.tick_ns / NS_PER_US;
+    message(Body::Welcome(Welcome {
+        version: PROTOCOL.to_owned(),
+        session: id.to_string(),
+        device: config.device_name(),
+        tick_period_us: u32::try_from(tick_us).unwrap_or(u32::MAX),
+        scene_revision,
+        lease_epoch,
+        device_time_ns: now_ns,
+        utc_time_ns: config.utc_ns(now_ns),
+        freedoms: config.freedoms,
+        actuators: config.actuators,
+        max_ttl_ms: config.max_ttl_ms,
+        grpc_port: config.grpc_port.into(),
+    }))
+}
+
+/// The last word to a client.
+pub(super) fn bye(reason: ByeReason, detail: &str) -> StreamMessage {
+    message(Body::Bye(Bye { reason: reason.into(), detail: detail.to_owned() }))
+}
+
+fn message(body: Body) -> StreamMessage {
+    StreamMessage { body: Some(body) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn good() -> Hello {
+        Hello {
+            versions: vec!["hapticd/1".into()],
+            client_name: "needle trainer".into(),
+            device: "devices/cho-2005".into(),
+            role: proto::Role::Controller.into(),
+            command_interval_us: 13_889,
+            state_interval_us: 4_000,
+            max_datagram_bytes: 1200,
+        }
+    }
+
+    fn judge(change: impl FnOnce(&mut Hello)) -> Result<Terms, Refusal> {
+        let mut hello = good();
+        change(&mut hello);
+        agree(&hello, &SessionConfig::new("cho-2005", 1_000_000, 2, 4))
+    }
+
+    #[test]
+    fn a_good_hello_gets_its_terms() {
+        let terms = judge(|_| ()).unwrap();
+        assert_eq!(terms.client_name, "needle trainer");
+        assert_eq!(terms.role, Role::Controller);
+        assert_eq!(terms.command_interval_ns, 13_889_000);
+        assert_eq!(terms.state_interval_ns, 4_000_000);
+    }
+
+    #[test]
+    fn zero_and_empty_stand_for_defaults() {
+        let terms = judge(|hello| {
+            hello.device.clear();
+            hello.client_name.clear();
+            hello.command_interval_us = 0;
+            hello.state_interval_us = 0;
+            hello.max_datagram_bytes = 0;
+        });
+        let terms = terms.unwrap();
+        assert_eq!(terms.command_interval_ns, 1_000_000);
+        assert_eq!(terms.state_interval_ns, 0);
+    }
+
+    #[test]
+    fn the_ends_of_every_range_are_inside() {
+        type Change = fn(&mut Hello);
+        let changes: [Change; 7] = [
+            |h| h.client_name = "x".repeat(64),
+            |h| h.command_interval_us = 1_000,
+            |h| h.command_interval_us = 50_000,
+            |h| h.state_interval_us = 1_000,
+            |h| h.state_interval_us = 1_000_000,
+            |h| h.max_datagram_bytes = 300,
+            |h| h.versions.insert(0, "hapticd/2".into()),
+        ];
+        for change in changes {
+            assert!(judge(change).is_ok());
+        }
+    }
+
+    #[test]
+    fn every_bad_field_is_refused_by_name_with_its_value_and_range() {
+        type Change = fn(&mut Hello);
+        let table: [(Change, ByeReason, &str); 14] = [
+            (
+                |h| h.versions = vec!["hapticd/2".into()],
+                ByeReason::Version,
+                "versions = hapticd/2: must contain hapticd/1",
+            ),
+            (|h| h.versions.clear(), ByeReason::Version, "versions = : must contain hapticd/1"),
+            (
+                |h| h.device = "devices/other".into(),
+                ByeReason::UnknownDevice,
+                "device = devices/other: must be devices/cho-2005 or empty",
+            ),
+            (
+                |h| h.device = "cho-2005".into(),
+                ByeReason::UnknownDevice,
+                "device = cho-2005: must be devices/cho-2005 or empty",
+            ),
+            (
+                |h| h.client_name = "x".repeat(65),
+                ByeReason::Invalid,
+                "must be at most 64 bytes without control characters",
+            ),
+            (
+                |h| h.client_name = "a\nb".into(),
+                ByeReason::Invalid,
+                "client_name = a\\nb: must be at most 64 bytes without control characters",
+            ),
+            (
+                |h| h.role = 0,
+                ByeReason::Invalid,
+                "role = 0: must be ROLE_OBSERVER (1) or ROLE_CONTROLLER (2)",
+            ),
+            (
+                |h| h.role = 3,
+                ByeReason::Invalid,
+                "role = 3: must be ROLE_OBSERVER (1) or ROLE_CONTROLLER (2)",
+            ),
+            (
+                |h| h.command_interval_us = 999,
+                ByeReason::Invalid,
+                "command_interval_us = 999: must be 0 or 1000 to 50000 us",
+            ),
+            (
+                |h| h.command_interval_us = 50_001,
+                ByeReason::Invalid,
+                "command_interval_us = 50001: must be 0 or 1000 to 50000 us",
+            ),
+            (
+                |h| h.state_interval_us = 999,
+                ByeReason::Invalid,
+                "state_interval_us = 999: must be 0 or 1000 to 1000000 us",
+            ),
+            (
+                |h| h.state_interval_us = 1_000_001,
+                ByeReason::Invalid,
+                "state_interval_us = 1000001: must be 0 or 1000 to 1000000 us",
+            ),
+            (
+                |h| h.max_datagram_bytes = 299,
+                ByeReason::Invalid,
+                "max_datagram_bytes = 299: must be 0 or at least 300 bytes",
+            ),
+            (|h| h.role = -1, ByeReason::Invalid, "role = -1: must be"),
+        ];
+        for (change, reason, detail) in table {
+            let refusal = judge(change).unwrap_err();
+            assert_eq!(refusal.reason, reason, "{detail}");
+            assert!(refusal.detail.contains(detail), "{}", refusal.detail);
+        }
+    }
+
+    #[test]
+    fn a_long_hostile_text_comes_back_short() {
+        let refusal = judge(|hello| hello.device = "\u{1b}[2J".repeat(10_000)).unwrap_err();
+        assert!(refusal.detail.len() < 1000 && !refusal.detail.contains('\u{1b}'));
+    }
+}

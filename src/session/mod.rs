@@ -1,0 +1,281 @@
+//! Who may command a device: the protocol's state machine, without socket and clock.
+//!
+//! ```text
+//!  connect ─▶ awaiting Hello ──good Hello──▶ welcomed ──▶ closed
+//!                  │ bad or none in 2 s                     ▲ disconnect, Bye, 2 s of
+//!                  └────────── Bye ─────────────────────────┘ silence, broken protocol
+//! ```
+//!
+//! Messages, datagrams, reports and `now_ns` (the device clock, monotonic) go in; what to
+//! send, what to close and what to render come out of [`Sessions::poll_output`], which the
+//! caller drains after every call; [`Sessions::next_timeout`] says when to call again.
+//! It is the only place where wire messages become control types.
+//!
+//! - One controller at a time, under a lease whose epoch grows; observers never command.
+//! - A refused Hello, Command or datagram changes nothing but a counter, and costs the
+//!   server bounded memory whatever arrives.
+//! - A force that is to go is the tick's business: a session that ends hands over its last
+//!   setpoint, *released*; time-to-live does the rest.
+//!
+//! The order of events is the order of calls, so a run in virtual time is deterministic.
+
+mod cadence;
+mod command;
+mod config;
+mod contact;
+mod counters;
+mod events;
+mod handshake;
+mod incoming;
+mod lease;
+mod liveness;
+mod mapping;
+mod output;
+mod peer;
+mod ping;
+mod state;
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
+
+use crate::control::{Event, Report, Setpoint};
+use crate::proto::datagram::Body as DatagramBody;
+use crate::proto::stream_message::Body;
+use crate::proto::{ByeReason, State, StreamMessage};
+use crate::wire::{self, FrameError, WireError};
+
+use lease::Lease;
+use output::Outbox;
+use peer::Peer;
+use state::DeepestFirst;
+
+pub use config::{Role, SessionConfig, SessionId, Transport};
+pub use counters::{Counters, Outcome, StaleReason};
+pub use mapping::{SCENE_ID, surface_id};
+pub use output::Output;
+pub use peer::SessionInfo;
+
+/// There is no room for one more session; nothing was opened.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("sessions = {most}: at most {most} at a time")]
+pub struct TooManySessions {
+    /// How many there can be.
+    pub most: usize,
+}
+
+impl TooManySessions {
+    /// What to tell the client before closing its connection.
+    pub fn bye(&self) -> StreamMessage {
+        handshake::bye(ByeReason::TooManySessions, &self.to_string())
+    }
+}
+
+/// The sessions of one device.
+#[derive(Debug)]
+pub struct Sessions {
+    config: SessionConfig,
+    peers: BTreeMap<SessionId, Peer>,
+    last_id: u64,
+    lease: Lease,
+    /// The last command taken, whoever sent it.
+    setpoint: Setpoint,
+    /// It was not handed out yet.
+    setpoint_due: bool,
+    newest_tick: u64,
+    scene_revision: u64,
+    /// Keeps the room of its vectors from tick to tick.
+    state: State,
+    outbox: Outbox,
+    counters: Counters,
+}
+
+impl Sessions {
+    /// No sessions yet.
+    pub fn new(config: SessionConfig) -> Self {
+        Self {
+            config,
+            peers: BTreeMap::new(),
+            last_id: 0,
+            lease: Lease::default(),
+            setpoint: Setpoint::NONE,
+            setpoint_due: false,
+            newest_tick: 0,
+            scene_revision: 0,
+            state: State::default(),
+            outbox: Outbox::default(),
+            counters: Counters::default(),
+        }
+    }
+
+    /// A client connected; it has 2 s for its Hello.
+    pub fn connect(
+        &mut self,
+        transport: Transport,
+        now_ns: u64,
+    ) -> Result<SessionId, TooManySessions> {
+        let most = self.config.max_sessions;
+        if self.peers.len() >= most {
+            return Err(TooManySessions { most });
+        }
+        self.last_id += 1;
+        let id = SessionId(self.last_id);
+        self.peers.insert(id, Peer::new(transport, now_ns));
+        Ok(id)
+    }
+
+    /// Its connection is gone.
+    pub fn disconnect(&mut self, id: SessionId, now_ns: u64) {
+        if self.peers.remove(&id).is_some() {
+            self.end_lease(id, StaleReason::Disconnected, now_ns);
+        }
+    }
+
+    /// The server ends: Bye to everyone.
+    pub fn shutdown(&mut self, now_ns: u64) {
+        for id in std::mem::take(&mut self.peers).into_keys() {
+            self.say_bye(id, ByeReason::Shutdown, "the server is shutting down");
+            self.end_lease(id, StaleReason::Released, now_ns);
+        }
+    }
+
+    /// A message came on the reliable stream.
+    pub fn on_message(&mut self, id: SessionId, message: StreamMessage, now_ns: u64) {
+        let Some(peer) = self.peers.get_mut(&id) else {
+            return;
+        };
+        peer.heard(now_ns);
+        match message.body {
+            Some(Body::Hello(hello)) if peer.open.is_none() => self.on_hello(id, &hello, now_ns),
+            Some(Body::Bye(_)) => self.on_bye(id, now_ns),
+            Some(Body::Hello(_)) => self.broken(id, "a second Hello", now_ns),
+            _ => self.broken(id, "only Hello, once, and Bye are for a client to send", now_ns),
+        }
+    }
+
+    /// The reliable stream cannot be read any more.
+    pub fn on_broken_stream(&mut self, id: SessionId, error: FrameError, now_ns: u64) {
+        self.broken(id, &error.to_string(), now_ns);
+    }
+
+    /// A datagram came.
+    pub fn on_datagram(&mut self, id: SessionId, bytes: &[u8], now_ns: u64) {
+        let Some(peer) = self.peers.get_mut(&id) else {
+            return;
+        };
+        peer.heard(now_ns);
+        let transport = peer.transport;
+        let outcome = match wire::decode(bytes) {
+            Err(WireError::Oversize { .. }) => Outcome::Oversize,
+            Err(_) => Outcome::Malformed,
+            Ok(_) if peer.open.is_none() => Outcome::Unexpected,
+            Ok(DatagramBody::Command(command)) => self.on_command(id, &command, now_ns),
+            Ok(DatagramBody::Ping(ping)) => self.on_ping(id, &ping, now_ns),
+            Ok(DatagramBody::Pong(pong)) => self.on_pong(id, &pong, now_ns),
+            Ok(DatagramBody::State(_)) => Outcome::Unexpected,
+        };
+        self.counters.count_datagram(transport, outcome);
+    }
+
+    /// A tick was done: State to those whose turn it is, the controller first, and its
+    /// events to everyone.
+    pub fn on_report(&mut self, report: &Report, now_ns: u64) {
+        self.newest_tick = self.newest_tick.max(report.tick);
+        self.scene_revision = report.scene_revision;
+        state::fill(&mut self.state, report);
+        let contacts = DeepestFirst::of(report);
+        for to_controller in [true, false] {
+            self.send_states(to_controller, report.tick, &contacts, now_ns);
+        }
+        self.on_events(report);
+    }
+
+    fn send_states(
+        &mut self,
+        to_controller: bool,
+        tick: u64,
+        contacts: &DeepestFirst,
+        now_ns: u64,
+    ) {
+        let holder = self.lease.holder();
+        for (id, peer) in &mut self.peers {
+            let Some(open) = &mut peer.open else { continue };
+            if (holder == Some(*id)) != to_controller
+                || !open.cadence.due(tick, self.config.tick_ns)
+            {
+                continue;
+            }
+            state::address(&mut self.state, open.liveness.state(now_ns), open.echo, now_ns);
+            let bytes = wire::encode_state(&mut self.state, contacts.as_slice());
+            send(&mut self.outbox, &mut self.counters, *id, peer.transport, bytes);
+        }
+    }
+
+    fn on_events(&mut self, report: &Report) {
+        for (number, event) in report.events() {
+            if event == Event::Stale && self.setpoint.seq != 0 && !self.setpoint.released {
+                self.counters.count_stale(StaleReason::Ttl);
+            }
+            self.tell_all(&events::of_device(number, report.time_ns, event));
+        }
+    }
+
+    /// To every welcomed session.
+    fn tell_all(&mut self, message: &StreamMessage) {
+        for (id, _) in self.peers.iter().filter(|(_, peer)| peer.open.is_some()) {
+            self.outbox.may(Output::Message { to: *id, message: message.clone() });
+        }
+    }
+
+    /// When [`Sessions::on_timeout`] has something to do.
+    pub fn next_timeout(&self) -> Option<u64> {
+        self.peers.values().map(Peer::next_timeout).min()
+    }
+
+    /// Closes who was silent for too long, and pings the others. Hand in first what has
+    /// arrived: a caller that was held up is not a silent client.
+    pub fn on_timeout(&mut self, now_ns: u64) {
+        let expired = |(id, peer): (&SessionId, &Peer)| Some((*id, peer.expired(now_ns)?));
+        let expired: Vec<_> = self.peers.iter().filter_map(expired).collect();
+        for (id, (reason, detail)) in expired {
+            self.close(id, reason, detail, StaleReason::Silent, now_ns);
+        }
+        for (id, peer) in &mut self.peers {
+            if let Some(ping) = peer.open.as_mut().and_then(|open| open.pinger.due(now_ns)) {
+                let bytes = wire::encode(&DatagramBody::Ping(ping));
+                send(&mut self.outbox, &mut self.counters, *id, peer.transport, bytes);
+            }
+        }
+    }
+
+    /// The next thing to do: a new setpoint before all else.
+    pub fn poll_output(&mut self) -> Option<Output> {
+        if std::mem::take(&mut self.setpoint_due) {
+            return Some(Output::Setpoint(Box::new(self.setpoint)));
+        }
+        self.outbox.pop()
+    }
+
+    /// The welcomed sessions, the oldest first.
+    pub fn list(&self, now_ns: u64) -> impl Iterator<Item = SessionInfo<'_>> {
+        self.peers.iter().filter_map(move |(id, peer)| peer.info(*id, now_ns))
+    }
+
+    /// What was counted.
+    pub fn counters(&self) -> &Counters {
+        &self.counters
+    }
+}
+
+/// Hands a datagram over, and counts it.
+fn send(
+    outbox: &mut Outbox,
+    counters: &mut Counters,
+    to: SessionId,
+    transport: Transport,
+    bytes: Vec<u8>,
+) {
+    let found_room = outbox.may(Output::Datagram { to, bytes });
+    let outcome = if found_room { Outcome::Sent } else { Outcome::Dropped };
+    counters.count_datagram(transport, outcome);
+}

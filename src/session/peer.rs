@@ -1,0 +1,116 @@
+//! One connected client: when it was heard, and once welcomed, what was agreed with it.
+
+use crate::proto::{ByeReason, SessionState};
+use crate::units::FieldError;
+
+use super::cadence::Cadence;
+use super::handshake::Terms;
+use super::liveness::{Liveness, SILENCE_NS};
+use super::ping::Pinger;
+use super::state::Echo;
+use super::{Role, SessionId, Transport};
+
+/// A connection, welcomed or not yet.
+#[derive(Debug)]
+pub(super) struct Peer {
+    pub transport: Transport,
+    connected_ns: u64,
+    heard_ns: u64,
+    /// What a good Hello opened.
+    pub open: Option<Open>,
+}
+
+/// A welcomed session.
+#[derive(Debug)]
+pub(super) struct Open {
+    pub client_name: String,
+    pub role: Role,
+    pub cadence: Cadence,
+    pub liveness: Liveness,
+    pub pinger: Pinger,
+    /// The last command taken, 0 for none.
+    pub last_seq: u64,
+    pub echo: Option<Echo>,
+    pub last_refusal: Option<FieldError>,
+}
+
+impl Open {
+    /// A session on these terms.
+    pub fn new(terms: Terms, now_ns: u64) -> Self {
+        Self {
+            client_name: terms.client_name,
+            role: terms.role,
+            cadence: Cadence::new(terms.state_interval_ns),
+            liveness: Liveness::new(terms.role, terms.command_interval_ns),
+            pinger: Pinger::new(now_ns),
+            last_seq: 0,
+            echo: None,
+            last_refusal: None,
+        }
+    }
+}
+
+impl Peer {
+    /// A connection that has said nothing yet.
+    pub fn new(transport: Transport, now_ns: u64) -> Self {
+        Self { transport, connected_ns: now_ns, heard_ns: now_ns, open: None }
+    }
+
+    /// Something came from it, whatever it was.
+    pub fn heard(&mut self, now_ns: u64) {
+        self.heard_ns = self.heard_ns.max(now_ns);
+    }
+
+    /// When it is closed unless it speaks; a client that never says Hello gains nothing by
+    /// saying other things.
+    fn silent_ns(&self) -> u64 {
+        let since_ns = if self.open.is_some() { self.heard_ns } else { self.connected_ns };
+        since_ns.saturating_add(SILENCE_NS)
+    }
+
+    /// Why it has to be closed now, if it has.
+    pub fn expired(&self, now_ns: u64) -> Option<(ByeReason, &'static str)> {
+        (now_ns >= self.silent_ns()).then_some(match self.open {
+            Some(_) => (ByeReason::Silent, "nothing was heard for 2 s"),
+            None => (ByeReason::Silent, "no Hello came within 2 s"),
+        })
+    }
+
+    /// When something is to be done for it.
+    pub fn next_timeout(&self) -> u64 {
+        let ping_ns = self.open.as_ref().map_or(u64::MAX, |open| open.pinger.next_ns());
+        ping_ns.min(self.silent_ns())
+    }
+
+    /// What lists show of it, once it is welcomed.
+    pub fn info(&self, id: SessionId, now_ns: u64) -> Option<SessionInfo<'_>> {
+        self.open.as_ref().map(|open| SessionInfo {
+            id,
+            role: open.role,
+            transport: self.transport,
+            client_name: &open.client_name,
+            state: open.liveness.state(now_ns),
+            rtt_ns: open.pinger.rtt_ns,
+            last_refusal: open.last_refusal.as_ref(),
+        })
+    }
+}
+
+/// What lists and metrics show of a welcomed session.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SessionInfo<'a> {
+    /// Its name is `sessions/ID`.
+    pub id: SessionId,
+    /// What it may do.
+    pub role: Role,
+    /// How it is connected.
+    pub transport: Transport,
+    /// What it calls itself.
+    pub client_name: &'a str,
+    /// Whether it commands.
+    pub state: SessionState,
+    /// Its last round trip, `None` before the first.
+    pub rtt_ns: Option<u64>,
+    /// Why its last invalid command was refused: datagrams are not answered.
+    pub last_refusal: Option<&'a FieldError>,
+}
