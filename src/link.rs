@@ -11,6 +11,10 @@
 //! Every bridge has exactly one producer and one consumer and fixed room; nobody waits for
 //! the other side. What finds no room is dropped and counted, never queued: a late report
 //! is worth less than the next one. Waking the other side is not done here.
+#![cfg_attr(
+    not(test),
+    deny(clippy::disallowed_types, clippy::disallowed_methods, clippy::disallowed_macros)
+)]
 
 use rtrb::{Consumer, Producer, RingBuffer};
 use triple_buffer::{Input, Output, TripleBuffer};

@@ -5,6 +5,10 @@
 //! 1985; Cho 2005, Eq 1). Everything here is a pure function of the reference matrix, rates
 //! and a desired wrench, in the plane B at the handle. Nothing here knows where the desire
 //! came from or what time it is; only [`StuckDetector`] remembers anything.
+#![cfg_attr(
+    not(test),
+    deny(clippy::disallowed_types, clippy::disallowed_methods, clippy::disallowed_macros)
+)]
 
 mod bounds;
 mod box_least_squares;

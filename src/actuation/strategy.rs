@@ -52,11 +52,13 @@ impl fmt::Display for Strategy {
 /// A name that is no strategy.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("no strategy `{0}`: one of auto, optimal, nearest-reference, predicted-velocity")]
+#[allow(clippy::disallowed_types, reason = "made where a name is read, never in a tick")]
 pub struct StrategyError(pub String);
 
 impl FromStr for Strategy {
     type Err = StrategyError;
 
+    #[expect(clippy::disallowed_methods, reason = "reads what somebody wrote, never in a tick")]
     fn from_str(name: &str) -> Result<Self, Self::Err> {
         let found = Self::ALL.into_iter().find(|strategy| strategy.name() == name);
         found.ok_or_else(|| StrategyError(name.to_owned()))

@@ -93,10 +93,15 @@ impl FromStr for ConnectString {
         }
         let host =
             uri.host().filter(|host| !host.is_empty()).ok_or_else(|| fail("no host".into()))?;
-        let port = uri.authority().and_then(http::uri::Authority::port_u16);
+        let authority = uri.authority().map_or("", http::uri::Authority::as_str);
+        let written_port = authority.strip_prefix(host).and_then(|rest| rest.strip_prefix(':'));
+        let stream_port = match written_port {
+            None => DEFAULT_STREAM_PORT,
+            Some(port) => port_of("port", port).map_err(&fail)?,
+        };
         let mut found = Self {
             host: host.trim_matches(['[', ']']).to_owned(),
-            stream_port: port.unwrap_or(DEFAULT_STREAM_PORT),
+            stream_port,
             grpc_port: DEFAULT_GRPC_PORT,
             sha256: None,
             token: None,
@@ -108,12 +113,7 @@ impl FromStr for ConnectString {
                         unhex(&value).ok_or_else(|| fail("sha256 must be 64 hex digits".into()))?;
                     found.sha256 = Some(hash);
                 }
-                "grpc" => {
-                    let port = value.parse().ok().filter(|port| *port != 0);
-                    found.grpc_port = port.ok_or_else(|| {
-                        fail(format!("grpc = {value}: must be a port, 1 to 65535"))
-                    })?;
-                }
+                "grpc" => found.grpc_port = port_of("grpc", &value).map_err(&fail)?,
                 "token" => found.token = Some(value.into_owned()),
                 // A newer server may say more; what is unknown is not needed here.
                 _ => {}
@@ -121,6 +121,11 @@ impl FromStr for ConnectString {
         }
         Ok(found)
     }
+}
+
+fn port_of(what: &str, text: &str) -> Result<u16, String> {
+    let port = text.parse().ok().filter(|port| *port != 0);
+    port.ok_or_else(|| format!("{what} = {text}: must be a port, 1 to 65535"))
 }
 
 /// Lower-case hexadecimal digits.
@@ -174,7 +179,8 @@ mod tests {
             ("hapticd://host:1/?sha256=12", "64 hex digits"),
             ("hapticd://host:1/?grpc=0", "1 to 65535"),
             ("", "looks like"),
-            ("host:port", "looks like"),
+            ("host:port", "port = port: must be a port, 1 to 65535"),
+            ("host:0", "1 to 65535"),
         ] {
             let error = text.parse::<ConnectString>().unwrap_err().to_string();
             assert!(error.contains(what), "{error}");

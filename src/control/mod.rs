@@ -8,6 +8,10 @@
 //! same for hardware, simulation, replay and tests. Data comes in three drawers: [`Plan`]
 //! (configuration, immutable), [`Setpoint`] and [`Sample`] (what is wanted and sensed), and
 //! [`Report`] (what was decided, and why).
+#![cfg_attr(
+    not(test),
+    deny(clippy::disallowed_types, clippy::disallowed_methods, clippy::disallowed_macros)
+)]
 
 mod command;
 mod desire;
@@ -33,3 +37,6 @@ pub use sample::{ActuatorCommand, ActuatorCommands, DeviceError, RELEASED, Sampl
 pub use setpoint::Setpoint;
 pub use state::ControlState;
 pub use tick::{Decision, TickInput, tick};
+
+#[cfg(test)]
+mod passivity_tests;

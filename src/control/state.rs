@@ -37,6 +37,7 @@ pub struct ControlState {
 
 impl ControlState {
     /// A device that has just been opened, in this mode.
+    #[expect(clippy::disallowed_methods, reason = "allocates once, before the first tick")]
     pub fn new(mode: Mode) -> Self {
         Self {
             tick: 0,

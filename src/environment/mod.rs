@@ -5,6 +5,10 @@
 //! stiff things become *constraints* (a law on brakes needs their normal), fields become a
 //! *soft* force. The module keeps no time and no device: what has to be remembered from
 //! tick to tick is a [`SurfaceState`] that the caller owns.
+#![cfg_attr(
+    not(test),
+    deny(clippy::disallowed_types, clippy::disallowed_methods, clippy::disallowed_macros)
+)]
 
 mod desired;
 mod element;

@@ -82,6 +82,7 @@ type LinkAngles = [f64; 4];
 impl FiveBar {
     /// Checks the parameters. `inertia.links` are link 1 and link 2 (about the base), the body
     /// of links 3 and 5 (about E, its centre measured towards the handle), link 4 (about C).
+    #[expect(clippy::disallowed_macros, reason = "parameters are checked before the first tick")]
     pub fn new(parameters: FiveBarParameters, inertia: Inertia<4>) -> Result<Self, ParameterError> {
         let FiveBarParameters { l_m, k3, k4, lever, tendons, elbow, branch } = parameters;
         for (i, &length_m) in l_m.iter().enumerate() {

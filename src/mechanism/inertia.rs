@@ -66,6 +66,7 @@ impl<const N: usize> Default for Inertia<N> {
 
 impl<const N: usize> Inertia<N> {
     /// Refuses a number that no part has.
+    #[expect(clippy::disallowed_macros, reason = "parameters are checked before the first tick")]
     pub(super) fn check(&self) -> Result<(), ParameterError> {
         require_range("handle_mass_kg", self.handle_mass_kg, &(1e-3..=100.0), "kg")?;
         for (i, link) in self.links.iter().enumerate() {

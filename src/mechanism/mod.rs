@@ -5,6 +5,10 @@
 //! Angles in and out are those of the *actuator shafts* (which carry the encoders).
 //! Entries of an argument beyond `freedoms` or `actuators` are not read.
 //! This module does not know brakes from motors, forces asked for, or time.
+#![cfg_attr(
+    not(test),
+    deny(clippy::disallowed_types, clippy::disallowed_methods, clippy::disallowed_macros)
+)]
 
 mod five_bar;
 mod geometry;

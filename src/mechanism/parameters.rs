@@ -2,6 +2,11 @@
 //!
 //! Built outside the tick, so errors may own text. A field is named as in the parameter
 //! structs (`l_m[2]`, `links[0].mass_kg`), counted from zero. Reading files is not done here.
+#![expect(
+    clippy::disallowed_types,
+    clippy::disallowed_macros,
+    reason = "errors of construction own text, and none is made in a tick"
+)]
 
 use std::ops::RangeInclusive;
 

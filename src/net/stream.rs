@@ -161,8 +161,7 @@ async fn serve(
         }
         Err(error) => tracing::error!(%error, "the stream cannot be served"),
     }
-    let round_trips_ns = hub.borrow().round_trips_ns.clone();
-    round_trips_ns
+    hub.borrow().round_trips_ns.clone()
 }
 
 async fn accept(endpoint: &Endpoint, hub: &Shared) {

@@ -1,4 +1,8 @@
 //! One turn of a device: commands, read, tick, write, hand over.
+#![cfg_attr(
+    not(test),
+    deny(clippy::disallowed_types, clippy::disallowed_methods, clippy::disallowed_macros)
+)]
 
 use super::guard::no_alloc;
 use crate::control::{
@@ -106,3 +110,7 @@ impl<D: Device> Cycle<D> {
         tick(&mut self.state, &input)
     }
 }
+
+#[cfg(test)]
+#[path = "cycle_tests.rs"]
+mod tests;

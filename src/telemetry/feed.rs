@@ -87,17 +87,18 @@ mod tests {
         let telemetry = Telemetry::new().unwrap();
         let (mut producer, consumer) = rtrb::RingBuffer::new(64);
         let (latest, stop) = (LatestReport::default(), Arc::new(AtomicBool::new(false)));
-        let summary = Some(RunSummary::new(1_000_000));
+        let summary = Arc::new(Mutex::new(RunSummary::new(1_000_000)));
         let metrics = telemetry.device("d");
-        let thread = spawn(consumer, metrics, latest.clone(), summary, Arc::clone(&stop)).unwrap();
+        let observed = Some(Arc::clone(&summary));
+        let thread = spawn(consumer, metrics, latest.clone(), observed, Arc::clone(&stop)).unwrap();
         for tick in 1..=1_000 {
             while producer.push(record(tick)).is_err() {
                 thread::yield_now();
             }
         }
         stop.store(true, Ordering::Release);
-        let summary = thread.join().unwrap().unwrap();
-        assert_eq!(summary.figures(&SessionFigures::default()).ticks, 1_000);
+        thread.join().unwrap();
+        assert_eq!(summary.lock().unwrap().figures(&SessionFigures::default()).ticks, 1_000);
         assert_eq!(latest.get().tick, 1_000);
         let text = telemetry.scrape().render();
         assert!(text.contains("hapticd_loop_ticks_total{device=\"d\"} 1000\n"));
@@ -112,7 +113,7 @@ mod tests {
         let latest = LatestReport::default();
         let stop = Arc::new(AtomicBool::new(false));
         let thread = spawn(consumer, telemetry.device("d"), latest.clone(), None, stop).unwrap();
-        assert!(thread.join().unwrap().is_none());
+        thread.join().unwrap();
         assert_eq!(latest.get().tick, 5);
     }
 }

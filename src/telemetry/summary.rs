@@ -356,9 +356,16 @@ mod tests {
     }
 
     #[test]
+    fn commands_that_never_came_into_force_are_the_numbers_skipped() {
+        let applied = |command_seq| Report { command_seq, command_new: true, ..Report::default() };
+        let held = Report { command_seq: 6, ..Report::default() };
+        let found = figures([applied(2), applied(3), applied(6), held, applied(1), applied(2)]);
+        assert_eq!(found.commands_lost, 3, "1, 4 and 5; a new controller begins again at 1");
+    }
+
+    #[test]
     fn the_figures_are_one_object_with_the_promised_names() {
-        let session =
-            SessionFigures { rtt_p50_us: Some(120.0), rtt_p99_us: Some(300.0), commands_lost: 2 };
+        let session = SessionFigures { rtt_p50_us: Some(120.0), rtt_p99_us: Some(300.0) };
         let figures = RunSummary::new(1_000_000).figures(&session);
         let json = serde_json::to_value(figures).unwrap();
         for name in [
@@ -383,7 +390,7 @@ mod tests {
         for name in ["full", "approximate", "not_displayable"] {
             assert_eq!(json["regions"][name], 0);
         }
-        assert_eq!((&json["rtt_p50_us"], &json["commands_lost"]), (&120.0.into(), &2.into()));
+        assert_eq!((&json["rtt_p50_us"], &json["commands_lost"]), (&120.0.into(), &0.into()));
         assert!(json["force_error_mean_n"].is_null());
     }
 }

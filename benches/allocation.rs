@@ -1,0 +1,203 @@
+//! Time of the allocation alone, beside exhaustive search: promise 12 of SPECIFICATION.
+//!
+//! Four brakes: postures over the workspace of `cho-2005`, moving or nearly at rest, any
+//! desired force. Six motors: any reference matrix with three freedoms. Exhaustive search is
+//! the reference for time and for the answer: a difference ends the bench.
+
+#![allow(non_snake_case)]
+#![allow(clippy::disallowed_types, clippy::disallowed_methods, clippy::disallowed_macros)]
+
+mod measure;
+
+use std::f64::consts::TAU;
+use std::hint::black_box;
+
+use hapticd::actuation::{
+    ActuatorKind, Bounds, Capability, Handle, ShaftMotion, WallDemand, nearest_reference, optimal,
+    predicted_velocity,
+};
+use hapticd::config::DeviceDefinition;
+use hapticd::notation::{
+    ActuatorVector, HandleInertia, MAX_ACTUATORS, PlaneVector, ReferenceMatrix,
+};
+use measure::{Series, clock_alone, print_table, rounds};
+use nalgebra::Vector2;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// Different problems; each is solved many times.
+const CASES: usize = 2_000;
+
+/// Slower shafts count as at rest: two counts in a window of 16 ms.
+const REST_RAD_PER_S: f64 = 2.0 * TAU / 65_536.0 / 0.016;
+
+struct Case {
+    capability: Capability,
+    handle: Handle,
+    desired: PlaneVector,
+    walls: [WallDemand; 1],
+}
+
+fn main() {
+    let mut rng = ChaCha8Rng::seed_from_u64(12);
+    let brakes = four_brakes(&mut rng);
+    let motors = six_motors(&mut rng);
+    let clock = clock_alone();
+    let passes = rounds(40);
+
+    let optimum = |case: &Case| optimal(&case.capability, black_box(&case.desired)).torque_Nm;
+    let search = searched("exhaustive search", &brakes[..rounds(1_000)]);
+    let best = repeated("optimal", &brakes, passes, optimum);
+    let nearest = repeated("nearest-reference", &brakes, passes, |case| {
+        let Case { capability, handle, desired, .. } = case;
+        nearest_reference(capability, black_box(desired), &handle.velocity).raw_torque_Nm
+    });
+    let wall = repeated("predicted-velocity", &brakes, passes, |case| {
+        predicted_velocity(&case.capability, &case.handle, black_box(&case.walls)).torque_Nm
+    });
+    print_table("four brakes, two freedoms", &search, &[&best, &nearest, &wall, &search, &clock]);
+
+    let search = searched("exhaustive search", &motors[..rounds(100)]);
+    let best = repeated("optimal", &motors, passes, optimum);
+    print_table("six motors, three freedoms", &search, &[&best, &search, &clock]);
+}
+
+fn repeated(
+    name: &str,
+    cases: &[Case],
+    passes: usize,
+    law: impl Fn(&Case) -> ActuatorVector,
+) -> Series {
+    let mut series = Series::new(name);
+    for _ in 0..passes {
+        for case in cases {
+            series.time(|| law(black_box(case)));
+        }
+    }
+    series
+}
+
+/// The time of exhaustive search, and its answers held against those of `optimal`.
+fn searched(name: &str, cases: &[Case]) -> Series {
+    let mut series = Series::new(name);
+    for case in cases {
+        let Case { capability, desired, .. } = case;
+        let (distance, length) = series.time(|| exhaustive(capability, black_box(desired)));
+        let found = optimal(capability, desired).torque_Nm;
+        let (matrix, target) = scaled(capability, desired);
+        let tolerance = 1e-9 * (1.0 + target.norm());
+        let reached = (matrix * found - target).norm();
+        assert!((reached - distance).abs() <= tolerance, "{reached} for {distance}");
+        assert!(found.norm() <= length + 1e-6 * (1.0 + length), "{} for {length}", found.norm());
+    }
+    series
+}
+
+/// Every actuator at its lower bound, its upper bound, or free: the distance of the nearest
+/// point and the least norm that gives it.
+fn exhaustive(capability: &Capability, desired: &PlaneVector) -> (f64, f64) {
+    let (matrix, target) = scaled(capability, desired);
+    let Bounds { lower_Nm, upper_Nm } = &capability.bounds;
+    let count = capability.actuators;
+    let slack = 1e-9 * (1.0 + target.norm());
+    let mut best = (f64::INFINITY, f64::INFINITY);
+    for code in 0..3usize.pow(count as u32) {
+        let (mut torque, mut free) = (ActuatorVector::zeros(), ReferenceMatrix::zeros());
+        for i in 0..count {
+            match code / 3usize.pow(i as u32) % 3 {
+                0 => torque[i] = lower_Nm[i],
+                1 => torque[i] = upper_Nm[i],
+                _ => free.set_column(i, &matrix.column(i)),
+            }
+        }
+        let svd = free.svd(true, true);
+        let cut = 1e-10 * svd.singular_values.max();
+        let Ok(given) = svd.solve(&(target - matrix * torque), cut.max(f64::MIN_POSITIVE)) else {
+            continue;
+        };
+        torque += given;
+        let inside = (0..count).all(|i| {
+            let slack = 1e-9 * (1.0 + torque[i].abs());
+            (lower_Nm[i] - slack..=upper_Nm[i] + slack).contains(&torque[i])
+        });
+        let (distance, length) = ((matrix * torque - target).norm(), torque.norm());
+        let equal = distance < best.0 + slack && length < best.1;
+        if inside && (distance < best.0 - slack || equal) {
+            best = (best.0.min(distance), length);
+        }
+    }
+    best
+}
+
+/// Moments in units of force, freedoms that are not there left out.
+fn scaled(capability: &Capability, desired: &PlaneVector) -> (ReferenceMatrix, PlaneVector) {
+    let share = if capability.freedoms > 2 { 1.0 / capability.moment_length_m } else { 0.0 };
+    let (mut matrix, mut target) = (capability.reference, *desired);
+    matrix.row_mut(2).scale_mut(share);
+    target.z *= share;
+    (matrix, target)
+}
+
+fn four_brakes(rng: &mut ChaCha8Rng) -> Vec<Case> {
+    let device = DeviceDefinition::load("cho-2005").expect("a built-in device");
+    let (kinds, max_Nm) = (device.actuators.kinds, device.actuators.max_torque_Nm);
+    let anywhere = |rng: &mut ChaCha8Rng| {
+        PlaneVector::new(rng.random_range(0.1..0.5), rng.random_range(-0.3..0.4), 0.0)
+    };
+    let postures = std::iter::from_fn(|| Some(device.mechanism.posture_at(&anywhere(rng))));
+    let postures: Vec<_> = postures.flatten().take(CASES).collect();
+    let case = |posture: hapticd::mechanism::Posture| {
+        let velocity = planar(rng, -3.0..-0.5);
+        let rates = posture.reference.transpose() * velocity;
+        let motion = std::array::from_fn(|i| ShaftMotion::of(rates[i], REST_RAD_PER_S));
+        let capability = Capability {
+            reference: posture.reference,
+            freedoms: 2,
+            actuators: 4,
+            kinds,
+            bounds: Bounds::given(&kinds, &max_Nm, &motion),
+            moment_length_m: device.mechanism.reach_m().1,
+        };
+        let hand_force = Some(planar(rng, 0.0..1.5));
+        let handle = Handle { velocity, hand_force, inertia: posture.inertia, tick_s: 1e-3 };
+        let normal = planar(rng, 0.0..1.0).normalize();
+        let walls = [WallDemand { normal, force_N: rng.random_range(1.0..100.0) }];
+        Case { capability, handle, desired: planar(rng, -1.0..2.0), walls }
+    };
+    postures.into_iter().map(case).collect()
+}
+
+fn six_motors(rng: &mut ChaCha8Rng) -> Vec<Case> {
+    let kinds = [ActuatorKind::Motor; MAX_ACTUATORS];
+    let mut case = || {
+        let entry = |row: usize| if row < 2 { 10.0 } else { 1.0 };
+        let reference = ReferenceMatrix::from_fn(|row, _| entry(row) * rng.random_range(-1.0..1.0));
+        let max_Nm = ActuatorVector::from_fn(|_, _| rng.random_range(0.5..5.0));
+        let mut desired = planar(rng, -1.0..2.0);
+        desired.z = 0.3 * desired.norm() * rng.random_range(-1.0..1.0);
+        let capability = Capability {
+            reference,
+            freedoms: 3,
+            actuators: 6,
+            kinds,
+            bounds: Bounds::given(&kinds, &max_Nm, &[ShaftMotion::Rest; MAX_ACTUATORS]),
+            moment_length_m: 0.3,
+        };
+        let handle = Handle {
+            velocity: PlaneVector::zeros(),
+            hand_force: None,
+            inertia: HandleInertia::identity(),
+            tick_s: 1e-3,
+        };
+        Case { capability, handle, desired, walls: Default::default() }
+    };
+    (0..CASES).map(|_| case()).collect()
+}
+
+/// Any direction; the decimal logarithm of the length in `log10`.
+fn planar(rng: &mut ChaCha8Rng, log10: std::ops::Range<f64>) -> PlaneVector {
+    let bearing_rad = rng.random_range(0.0..TAU);
+    let length = 10f64.powf(rng.random_range(log10));
+    let along = Vector2::new(bearing_rad.cos(), bearing_rad.sin()) * length;
+    PlaneVector::new(along.x, along.y, 0.0)
+}

@@ -1,0 +1,225 @@
+//! Round trip of a Ping through a whole daemon, beside bare echoes: promises 3 and 4.
+//!
+//! Three ways take turns in short blocks of one run, in changing order, so that whatever else
+//! the machine does meets all of them: a tokio UDP echo, a quinn datagram echo with the
+//! transport settings of hapticd, and `hapticd` itself with its loop running. Every way has
+//! one `current_thread` runtime at each end, the same payload and the same pace. Then a
+//! controller answers every State at once, alone and beside seven observers, and the daemon
+//! tells in how many ticks a command computed from the State of the tick before was in force.
+
+#![allow(clippy::disallowed_types, clippy::disallowed_methods, clippy::disallowed_macros)]
+
+mod echo;
+mod measure;
+
+use std::sync::mpsc;
+use std::thread;
+use std::time::Duration;
+
+use anyhow::Context;
+use echo::{QuicEcho, UdpEcho, Way};
+use hapticd::app::{Daemon, Start};
+use hapticd::client::{Client, ConnectString, Incoming, Options};
+use hapticd::config::ServerConfig;
+use hapticd::proto::{Contact, HalfSpaceContact, Role, contact};
+use hapticd::telemetry::{RunFigures, SessionFigures};
+use measure::{Series, print_table, quick, rounds};
+use tokio::runtime::Runtime;
+use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until, timeout_at};
+
+/// Between two pings: 500 Hz.
+const PACE: Duration = Duration::from_millis(2);
+
+/// Pings of one block, and how many of them only wake everything up.
+const BLOCK: usize = 200;
+const WARM_UP: usize = 10;
+
+/// An answer that takes longer is lost.
+const LOST: Duration = Duration::from_millis(200);
+
+/// State for an observer that only pings.
+const SELDOM: Duration = Duration::from_secs(1);
+
+fn main() -> anyhow::Result<()> {
+    round_trips()?;
+    let seconds = if quick() { 1 } else { 10 };
+    println!("commands computed from the State of the tick before, {seconds} s each:");
+    for sessions in [1, 8] {
+        let figures = answering(sessions, Duration::from_secs(seconds))?;
+        let share = 100.0 * figures.command_lag_one_ratio.context("nothing was commanded")?;
+        println!(
+            "  {sessions} session(s): {share:.2} % of ticks, {} commands lost; wake-up p99 {:.0} us, tick p99 {:.1} us, {} of {} ticks overrun",
+            figures.commands_lost,
+            figures.wakeup_p99_us,
+            figures.tick_p99_us,
+            figures.overruns,
+            figures.ticks,
+        );
+    }
+    Ok(())
+}
+
+fn daemon() -> anyhow::Result<(Daemon, tempfile::TempDir)> {
+    let state = tempfile::tempdir()?;
+    let config = ServerConfig {
+        grpc_port: 0,
+        stream_port: 0,
+        http_port: 0,
+        state_dir: Some(state.path().to_owned()),
+        ..ServerConfig::default()
+    };
+    Ok((Daemon::start(&config, Start::default())?, state))
+}
+
+fn runtime() -> anyhow::Result<Runtime> {
+    Ok(tokio::runtime::Builder::new_current_thread().enable_all().build()?)
+}
+
+fn round_trips() -> anyhow::Result<()> {
+    let (daemon, _state) = daemon()?;
+    let target = daemon.connect_string().clone();
+    runtime()?.block_on(take_turns(&target))
+}
+
+async fn take_turns(target: &ConnectString) -> anyhow::Result<()> {
+    let options =
+        Options { state_interval: SELDOM, ..Options::new("round trip bench", Role::Observer) };
+    let mut hapticd = Hapticd(Client::connect(target, options).await?);
+    let (mut udp, mut quic) = (UdpEcho::start().await?, QuicEcho::start().await?);
+    let mut all =
+        ["bare tokio UDP echo", "bare quinn echo", "hapticd, Ping over QUIC"].map(Series::new);
+    let mut ratios = Vec::new();
+    for round in 0..rounds(12) {
+        let mut block = ["", "", ""].map(Series::new);
+        for turn in 0..block.len() {
+            let which = (round + turn) % block.len();
+            let out = [&mut block[which], &mut all[which]];
+            match which {
+                0 => ping(&mut udp, out).await?,
+                1 => ping(&mut quic, out).await?,
+                _ => ping(&mut hapticd, out).await?,
+            }
+        }
+        ratios.push(block[2].us(0.5) / block[1].us(0.5));
+    }
+    let [udp, quic, hapticd] = &all;
+    print_table("round trip at 500 Hz", quic, &[udp, quic, hapticd]);
+    ratios.sort_by(f64::total_cmp);
+    println!(
+        "hapticd beside the bare quinn echo: p50 {:.2} (median of {} rounds; {:.2} to {:.2}), p99 {:.2}\n",
+        ratios[ratios.len() / 2],
+        ratios.len(),
+        ratios[0],
+        ratios[ratios.len() - 1],
+        hapticd.us(0.99) / quic.us(0.99),
+    );
+    Ok(())
+}
+
+/// One block of pings, sent on time whether or not the one before is back.
+async fn ping(way: &mut impl Way, mut out: [&mut Series; 2]) -> anyhow::Result<()> {
+    let mut pace = interval(PACE);
+    pace.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let (mut sent, mut answered) = (0, 0);
+    let mut over = Instant::now() + LOST + PACE * (2 * BLOCK) as u32;
+    while answered < BLOCK && Instant::now() < over {
+        tokio::select! {
+            biased;
+            round_trip = way.answer() => {
+                let round_trip = round_trip?;
+                answered += 1;
+                if answered > WARM_UP {
+                    out.iter_mut().for_each(|series| series.record(round_trip));
+                }
+            }
+            _ = pace.tick(), if sent < BLOCK => {
+                way.ask()?;
+                sent += 1;
+                if sent == BLOCK {
+                    over = Instant::now() + LOST;
+                }
+            }
+            () = sleep_until(over) => {}
+        }
+    }
+    anyhow::ensure!(2 * answered > BLOCK, "only {answered} of {BLOCK} pings came back");
+    Ok(())
+}
+
+/// The client of a daemon. What else it receives, it answers on the way.
+struct Hapticd(Client);
+
+impl Way for Hapticd {
+    fn ask(&mut self) -> anyhow::Result<()> {
+        Ok(self.0.send_ping()?)
+    }
+
+    async fn answer(&mut self) -> anyhow::Result<Duration> {
+        loop {
+            if let Incoming::RoundTrip(time) = self.0.next().await? {
+                return Ok(time);
+            }
+        }
+    }
+}
+
+/// A daemon with one controller and, for the rest of `sessions`, observers of every tick.
+fn answering(sessions: usize, time: Duration) -> anyhow::Result<RunFigures> {
+    let (daemon, _state) = daemon()?;
+    let target = daemon.connect_string().clone();
+    let (ready, started) = mpsc::channel();
+    let mut threads = Vec::new();
+    for _ in 1..sessions {
+        let (target, ready) = (target.clone(), ready.clone());
+        threads.push(thread::spawn(move || runtime()?.block_on(observe(&target, time, ready))));
+    }
+    drop(ready);
+    let observers = started.iter().take(sessions - 1).count();
+    anyhow::ensure!(observers == sessions - 1, "only {observers} observers got in");
+    let controller = thread::spawn(move || runtime()?.block_on(control(&target, time)));
+    for thread in threads.into_iter().chain([controller]) {
+        thread.join().map_err(|_| anyhow::anyhow!("a client panicked"))??;
+    }
+    Ok(daemon.stop().summary.figures(&SessionFigures::default()))
+}
+
+async fn observe(
+    target: &ConnectString,
+    time: Duration,
+    ready: mpsc::Sender<()>,
+) -> anyhow::Result<()> {
+    let mut client = Client::connect(target, Options::new("observer", Role::Observer)).await?;
+    ready.send(())?;
+    // Longer than the controller: its last tick has all its company.
+    let over = Instant::now() + time + LOST;
+    while let Ok(incoming) = timeout_at(over, client.next()).await {
+        incoming?;
+    }
+    client.close().await;
+    Ok(())
+}
+
+async fn control(target: &ConnectString, time: Duration) -> anyhow::Result<()> {
+    let mut client = Client::connect(target, Options::new("controller", Role::Controller)).await?;
+    let over = Instant::now() + time;
+    while let Ok(incoming) = timeout_at(over, client.next()).await {
+        if let Incoming::State(state) = incoming? {
+            client.send_contacts(state.seq, 100, vec![wall()])?;
+        }
+    }
+    client.close().await;
+    Ok(())
+}
+
+fn wall() -> Contact {
+    Contact {
+        id: 1,
+        revision: 1,
+        shape: Some(contact::Shape::HalfSpace(HalfSpaceContact {
+            point_m: vec![0.3, 0.0, 0.0],
+            normal: vec![-1.0, 0.0, 0.0],
+        })),
+        stiffness_n_per_m: 1e7,
+        ..Contact::default()
+    }
+}
