@@ -8,10 +8,10 @@
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use crate::clock::now_ns;
 use crate::config::{DeviceDefinition, Scene, SceneError, SceneFile, StateError, build_plan};
 use crate::control::{ControlCommand, ControlReply, Mode, ModeCommand, ModeRefusal, Report};
 use crate::link::SupervisorEnd;
-use crate::rt::now_ns;
 use crate::telemetry::LatestReport;
 
 /// A command waits this long for the loop; at 1 kHz it takes a millisecond.

@@ -20,6 +20,7 @@
 //! | [`session`] | PURE who may command: handshake, lease, liveness |
 //! | [`device`] | where samples come from: simulated plant and hand |
 //! | [`config`] | what the user wrote becomes what the loop needs |
+//! | `clock` | the device clock, for the rim |
 //! | `rt` | the thread: cycle, clock, rights (Linux) |
 //! | `telemetry` | one table of metrics, histograms, figures of a run |
 //! | `host` | one device as the services see it |
@@ -55,6 +56,8 @@ pub mod app;
 pub mod cli;
 #[cfg(feature = "client")]
 pub mod client;
+#[cfg(target_os = "linux")]
+pub mod clock;
 pub mod config;
 pub mod control;
 pub mod device;

@@ -16,6 +16,7 @@ use tokio::sync::watch;
 
 use super::sockets::Sockets;
 use crate::client::ConnectString;
+use crate::clock::now_ns;
 use crate::config::{
     DeviceDefinition, RealtimePolicy, ServerConfig, StateDir, build_plan, default_state_dir,
 };
@@ -24,7 +25,7 @@ use crate::device::SimulatedDevice;
 use crate::host::DeviceHost;
 use crate::link::bridge;
 use crate::net::{self, Identity, StreamHandle, StreamParts};
-use crate::rt::{self, Cycle, Realtime, Right, RtConfig, RtHandle, now_ns};
+use crate::rt::{self, Cycle, Realtime, Right, RtConfig, RtHandle};
 use crate::session::SessionConfig;
 use crate::telemetry::{self, LatestReport, RunSummary, Telemetry};
 

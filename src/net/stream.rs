@@ -22,11 +22,11 @@ use tokio::io::unix::AsyncFd;
 use tokio::sync::{mpsc, oneshot};
 
 use super::Identity;
+use crate::clock::now_ns;
 use crate::control::{Report, Setpoint};
 use crate::link::StreamEnd;
 use crate::proto::StreamMessage;
 use crate::quic;
-use crate::rt::now_ns;
 use crate::session::{Output, Role, SessionConfig, SessionId, Sessions, Transport};
 use crate::telemetry::{self, StreamMetrics};
 use crate::wire::{FrameDecoder, encode_frame};

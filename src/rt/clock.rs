@@ -1,15 +1,9 @@
-//! The device clock: CLOCK_MONOTONIC in nanoseconds, and absolute sleep on it.
+//! Absolute sleep on the device clock.
 
 use rustix::thread::{ClockId, clock_nanosleep_absolute};
-use rustix::time::{Timespec, clock_gettime};
+use rustix::time::Timespec;
 
-const NS_PER_S: u64 = 1_000_000_000;
-
-/// The device clock now.
-pub fn now_ns() -> u64 {
-    let now = clock_gettime(rustix::time::ClockId::Monotonic);
-    now.tv_sec as u64 * NS_PER_S + now.tv_nsec as u64
-}
+use crate::clock::NS_PER_S;
 
 /// Sleeps until `due_ns`; returns at once when that is past. A signal does not shorten it.
 pub fn sleep_until(due_ns: u64) {
@@ -20,6 +14,7 @@ pub fn sleep_until(due_ns: u64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::clock::now_ns;
 
     #[test]
     fn sleep_ends_after_its_deadline_and_a_past_one_does_not_wait() {

@@ -10,7 +10,6 @@ mod guard;
 mod rights;
 mod thread;
 
-pub use clock::now_ns;
 pub use cycle::{Cycle, DeviceLink};
 pub use guard::no_alloc;
 pub use rights::{Right, Rights, RightsError};

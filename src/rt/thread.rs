@@ -6,8 +6,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
 use std::thread::JoinHandle;
 
-use super::clock::{now_ns, sleep_until};
+use super::clock::sleep_until;
 use super::{Cycle, Right, Rights, RightsError};
+use crate::clock::now_ns;
 use crate::device::Device;
 
 /// What to do when a right is denied.

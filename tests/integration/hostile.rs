@@ -183,7 +183,7 @@ fn bad_datagrams_are_counted_for_what_they_are_and_change_nothing() {
             wait_until(&format!("the count of number {number} as {outcome}"), || {
                 rig.scrape().datagrams(outcome) == before.datagrams(outcome) + 1.0
             });
-            let state = bare.state_after(hapticd::rt::now_ns()).await;
+            let state = bare.state_after(hapticd::clock::now_ns()).await;
             assert_eq!((state.command_seq, state.contact_id.len()), (0, 0), "number {number}");
             assert!(state.requested.iter().all(|part| *part == 0.0), "number {number}");
             assert_eq!(rig.scrape().datagrams("accepted"), 0.0, "number {number}");

@@ -20,11 +20,13 @@ const LAYERS: &[&str] = &[
     "environment",
     "actuation",
     "wire",
+    "clock",
     "link",
     "control",
     "session",
     "device",
     "config",
+    "clock",
     "rt",
     "telemetry",
     "host",
@@ -47,9 +49,6 @@ const STRANGERS: &[(&str, &str)] = &[
     ("quic", "telemetry"),
     ("quic", "host"),
 ];
-
-/// Named exceptions to [`STRANGERS`]: the module, and the full path that it may use.
-const MEETINGS: &[(&str, &str)] = &[("net", "crate::rt::now_ns")];
 
 /// Modules of values and `now` alone.
 const PURE: &[&str] = &["mechanism", "environment", "actuation", "wire", "control", "session"];
@@ -129,9 +128,7 @@ fn uses_only_point_down() {
 fn strangers_never_meet() {
     let meet = |module: &str, path: &Path| {
         let used = path.crate_module()?;
-        let allowed = MEETINGS.contains(&(module, path.to_string().as_str()));
-        let met = STRANGERS.contains(&(module, used)) && !allowed;
-        met.then(|| format!("{module} never uses {used}"))
+        STRANGERS.contains(&(module, used)).then(|| format!("{module} never uses {used}"))
     };
     check("STRANGERS", complaints(meet));
 }
@@ -143,8 +140,9 @@ fn pure_modules_know_no_clock_no_file_no_socket_and_no_log() {
         let roots = ["std::net", "std::fs", "std::thread", "std::process", "std::env", "std::io"];
         let crates = ["tokio", "tracing", "rustix", "metrics", "serialport"];
         let within = |root: &&str| path == **root || path.starts_with(&format!("{root}::"));
-        let clock = path.starts_with("std::time") && path != "std::time::Duration";
-        let impure = clock || roots.iter().chain(&crates).any(|root| within(&root));
+        let time = path.starts_with("std::time") && path != "std::time::Duration";
+        let clock = within(&"crate::clock");
+        let impure = time || clock || roots.iter().chain(&crates).any(|root| within(&root));
         (PURE.contains(&module) && impure).then(|| format!("{module} is pure"))
     };
     check("pure modules know values and `now`", complaints(impure));
