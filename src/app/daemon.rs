@@ -32,6 +32,9 @@ use crate::telemetry::{self, LatestReport, RunSummary, Telemetry};
 /// Seed of the simulated hand and noise: a run is as repeatable as its timing.
 const SEED: u64 = 1;
 
+/// SCHED_FIFO priority of the stream thread, far below the loop's usual 80.
+const STREAM_PRIORITY: u8 = 40;
+
 /// Time for open calls to end when the daemon stops.
 const FAREWELL: Duration = Duration::from_millis(500);
 
@@ -124,6 +127,7 @@ impl Daemon {
             link: stream_end,
             doorbell,
             metrics: telemetry.stream(),
+            on_start: raise_stream,
         })?;
         let host = DeviceHost::new(definition, supervisor, scene, scene_file, latest);
         let host = Arc::new(host);
@@ -211,6 +215,12 @@ pub async fn signalled() -> anyhow::Result<()> {
         _ = terminate.recv() => {}
     }
     Ok(())
+}
+
+/// A force waits for the stream thread too. Below the loop, above everything ordinary;
+/// denied, it goes on as it is: the loop has said so already.
+fn raise_stream() {
+    let _ = rt::fifo(STREAM_PRIORITY);
 }
 
 fn state_path(config: &ServerConfig) -> anyhow::Result<PathBuf> {

@@ -99,7 +99,7 @@ impl Ctl {
 
 /// A refusal in the server's own words.
 pub fn plain(status: tonic::Status) -> anyhow::Error {
-    anyhow::anyhow!("{} ({})", status.message(), format::word(&format!("{:?}", status.code()), ""))
+    anyhow::anyhow!("{} ({:?})", status.message(), status.code())
 }
 
 async fn device_name(services: &mut Services, wanted: Option<&str>) -> anyhow::Result<String> {

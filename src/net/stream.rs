@@ -55,6 +55,8 @@ pub struct StreamParts {
     pub doorbell: OwnedFd,
     /// Where to count.
     pub metrics: StreamMetrics,
+    /// Run first by the new thread: to raise its priority.
+    pub on_start: fn(),
 }
 
 /// Why the stream cannot be served.
@@ -99,6 +101,7 @@ pub fn spawn(parts: StreamParts) -> Result<StreamHandle, StreamError> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let (shutdown, stopped) = oneshot::channel();
     let thread = std::thread::Builder::new().name("hapticd-stream".into()).spawn(move || {
+        (parts.on_start)();
         let local = tokio::task::LocalSet::new();
         local.block_on(&runtime, serve(parts, config, stopped))
     })?;
@@ -170,18 +173,15 @@ async fn accept(endpoint: &Endpoint, hub: &Shared) {
     }
 }
 
+/// Says Bye to everyone and lets their connections end by themselves, then ends the rest.
 async fn end(endpoint: &Endpoint, hub: &Shared) {
+    endpoint.set_server_config(None);
     {
         let mut hub = hub.borrow_mut();
         hub.sessions.shutdown(now_ns());
         hub.act();
     }
-    let _ = tokio::time::timeout(2 * FAREWELL, async {
-        while !hub.borrow().peers.is_empty() {
-            tokio::time::sleep(Duration::from_millis(5)).await;
-        }
-    })
-    .await;
+    let _ = tokio::time::timeout(2 * FAREWELL, endpoint.wait_idle()).await;
     endpoint.close(VarInt::from_u32(0), b"shutdown");
     let _ = tokio::time::timeout(FAREWELL, endpoint.wait_idle()).await;
 }
@@ -237,7 +237,12 @@ async fn converse(
     connection: &Connection,
     mut outgoing: mpsc::Receiver<Vec<u8>>,
 ) {
-    let Ok((mut send, mut receive)) = connection.accept_bi().await else { return };
+    let opened = tokio::select! {
+        opened = connection.accept_bi() => opened,
+        // Over before it began: there is no stream to say Bye on.
+        () = drained(&mut outgoing) => return connection.close(VarInt::from_u32(3), b"no Hello"),
+    };
+    let Ok((mut send, mut receive)) = opened else { return };
     let reading = async {
         let mut frames = FrameDecoder::default();
         while let Ok(Some(chunk)) = receive.read_chunk(16 * 1024, true).await {
@@ -274,6 +279,11 @@ async fn converse(
         () = reading => {}
         () = writing => {}
     }
+}
+
+/// Done when the session wants nothing said any more, because it has ended.
+async fn drained(outgoing: &mut mpsc::Receiver<Vec<u8>>) {
+    while outgoing.recv().await.is_some() {}
 }
 
 /// Every tick of the device becomes State for those who want it.

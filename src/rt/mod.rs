@@ -12,5 +12,5 @@ mod thread;
 
 pub use cycle::{Cycle, DeviceLink};
 pub use guard::no_alloc;
-pub use rights::{Right, Rights, RightsError};
+pub use rights::{Right, Rights, RightsError, fifo};
 pub use thread::{Realtime, RtConfig, RtError, RtHandle, spawn};

@@ -82,8 +82,8 @@ impl Rights {
     }
 }
 
-/// Raises the calling thread to SCHED_FIFO.
-pub(crate) fn fifo(priority: u8) -> Result<(), String> {
+/// Raises the calling thread to SCHED_FIFO; the reason where that is not allowed.
+pub fn fifo(priority: u8) -> Result<(), String> {
     let level = thread_priority::ThreadPriorityValue::try_from(priority)
         .map_err(|_| format!("priority {priority} is not in 0 to 99"))?;
     let policy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);

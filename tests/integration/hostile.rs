@@ -10,8 +10,8 @@ use hapticd::proto::{
     Bye, ByeReason, Command, Contact, Contacts, Hello, Ping, Pong, Role, State, StreamMessage,
     command, contact,
 };
-use hapticd::wire::{self, FrameDecoder, MAX_COMMAND_BYTES, PROTOCOL, encode_frame};
 use hapticd::quic;
+use hapticd::wire::{self, FrameDecoder, MAX_COMMAND_BYTES, PROTOCOL, encode_frame};
 use quinn::crypto::rustls::QuicClientConfig;
 use quinn::{Connection, Endpoint, RecvStream, SendStream};
 use rustls::pki_types::CertificateDer;
@@ -149,7 +149,10 @@ fn bad_datagrams() -> Vec<(&'static str, Vec<u8>)> {
         ("malformed", good[..good.len() - 1].to_vec()),
         ("malformed", vec![0x12, 0x02, 0xff, 0xff]),
         ("oversize", vec![0x12; MAX_COMMAND_BYTES + 1]),
-        ("oversize", [good.as_slice(), &[0; MAX_COMMAND_BYTES]].concat()[..=MAX_COMMAND_BYTES].to_vec()),
+        (
+            "oversize",
+            [good.as_slice(), &[0; MAX_COMMAND_BYTES]].concat()[..=MAX_COMMAND_BYTES].to_vec(),
+        ),
         ("unexpected", wire::encode(&Body::State(State::default()))),
         ("unexpected", wire::encode(&Body::Pong(Pong { seq: 77, ..Pong::default() }))),
         ("invalid", with_wall(|wall| wall.stiffness_n_per_m = f32::NAN)),
@@ -216,7 +219,8 @@ fn a_broken_reliable_stream_ends_its_own_session_only() {
     let rig = Rig::start();
     rig.run(async {
         let witness = rig.client("witness", Role::Observer).await;
-        let version = Message::Hello(Hello { versions: vec!["hapticd/9".into()], ..Hello::default() });
+        let version =
+            Message::Hello(Hello { versions: vec!["hapticd/9".into()], ..Hello::default() });
         let role = Message::Hello(Hello { versions: vec![PROTOCOL.into()], ..Hello::default() });
         let event = Message::Event(hapticd::proto::Event::default());
         let twice = [frame(hello()), frame(hello())].concat();

@@ -12,6 +12,8 @@ mod metrics;
 #[cfg(feature = "net")]
 mod persistence;
 #[cfg(feature = "net")]
+mod refusals;
+#[cfg(feature = "net")]
 mod services;
 #[cfg(feature = "net")]
 mod stream;

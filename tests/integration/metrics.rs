@@ -14,9 +14,13 @@ const DEVICE_IO: &str = "hapticd_device_io_seconds_count{device=\"cho-2005\"}";
 fn samples(row: &Row) -> Vec<String> {
     let sample = |own: Vec<(&str, &str)>| {
         let device = (row.scope == Scope::Device).then_some(("device", "cho-2005"));
-        let labels: Vec<_> =
-            device.into_iter().chain(own).map(|(key, value)| format!("{key}=\"{value}\"")).collect();
-        let labels = if labels.is_empty() { String::new() } else { format!("{{{}}}", labels.join(",")) };
+        let labels: Vec<_> = device
+            .into_iter()
+            .chain(own)
+            .map(|(key, value)| format!("{key}=\"{value}\""))
+            .collect();
+        let labels =
+            if labels.is_empty() { String::new() } else { format!("{{{}}}", labels.join(",")) };
         match row.kind {
             Kind::Histogram(_) => format!("{}_count{labels}", row.name),
             Kind::Counter | Kind::Gauge => format!("{}{labels}", row.name),
@@ -44,9 +48,14 @@ fn the_first_scrape_holds_every_row_of_the_table() {
         }
     }
     let known = |line: &str| ROWS.iter().any(|row| line.contains(row.name));
-    let strangers: Vec<_> = metrics.0.lines().filter(|line| !line.is_empty() && !known(line)).collect();
+    let strangers: Vec<_> =
+        metrics.0.lines().filter(|line| !line.is_empty() && !known(line)).collect();
     assert!(strangers.is_empty(), "not in the table: {strangers:?}");
-    assert!(metrics.value("hapticd_datagrams_total{transport=\"quic\",direction=\"in\",outcome=\"accepted\"}") == 0.0);
+    assert!(
+        metrics.value(
+            "hapticd_datagrams_total{transport=\"quic\",direction=\"in\",outcome=\"accepted\"}"
+        ) == 0.0
+    );
 }
 
 #[test]

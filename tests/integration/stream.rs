@@ -7,9 +7,7 @@ use hapticd::client::{Client, ClientError, ConnectString, Incoming, Options};
 use hapticd::control::Guards;
 use hapticd::proto::{ByeReason, EventKind, Limit, Mode, Role, SessionState, State};
 
-use super::support::{
-    Rig, command_until, hapticd, next_state, state_where, wait_until, wall_at,
-};
+use super::support::{Rig, command_until, hapticd, next_state, state_where, wait_until, wall_at};
 
 /// The stiffness of [`wall_at`].
 const WALL_N_PER_M: f32 = 1e7;
@@ -35,7 +33,10 @@ fn a_controllers_wall_is_asked_for_and_reported() {
     rig.run(async {
         let mut client = rig.client("needle trainer", Role::Controller).await;
         let welcome = client.welcome().clone();
-        assert_eq!((welcome.device.as_str(), welcome.version.as_str()), ("devices/cho-2005", "hapticd/1"));
+        assert_eq!(
+            (welcome.device.as_str(), welcome.version.as_str()),
+            ("devices/cho-2005", "hapticd/1")
+        );
         assert_eq!((welcome.freedoms, welcome.actuators, welcome.tick_period_us), (2, 4, 1000));
         assert_eq!(welcome.grpc_port, u32::from(rig.target().grpc_port));
         assert_eq!((welcome.lease_epoch, welcome.scene_revision, welcome.max_ttl_ms), (1, 1, 200));
@@ -50,7 +51,10 @@ fn a_controllers_wall_is_asked_for_and_reported() {
         assert!(state.position_m[0] > 0.29 - 1e-6, "{:?}", state.position_m);
         let force_limit_N = Guards::default().force_limit_N as f32;
         assert!((0.0..=force_limit_N).contains(&state.contact_normal_n[0]));
-        assert_eq!((state.session_state(), state.mode()), (SessionState::Commanding, Mode::Enabled));
+        assert_eq!(
+            (state.session_state(), state.mode()),
+            (SessionState::Commanding, Mode::Enabled)
+        );
         assert!(state.echo_client_time_ns > 0 && state.command_seq > 0);
         client.close().await;
     });

@@ -26,7 +26,6 @@ const LAYERS: &[&str] = &[
     "session",
     "device",
     "config",
-    "clock",
     "rt",
     "telemetry",
     "host",
