@@ -49,10 +49,9 @@ fn main() {
     let [one, eight] =
         [1, 8].map(|contacts| commands(&mut sessions, controller, reports.len(), contacts));
     let clock = clock_alone();
-    let mut rows = vec![&report, &encode, &decode, &read];
-    rows.extend(one.rows.iter().chain(&eight.rows));
-    rows.push(&clock);
-    print_table("one message", &encode, &rows);
+    let rows = [&report, &encode, &decode, &read];
+    let rows = rows.into_iter().chain(&one.rows).chain(&eight.rows).chain([&clock]);
+    print_table("one message", &encode, rows);
 
     let sizes = states.iter().map(Vec::len);
     let mean = sizes.clone().sum::<usize>() as f64 / states.len() as f64;

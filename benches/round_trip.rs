@@ -103,7 +103,7 @@ async fn take_turns(target: &ConnectString) -> anyhow::Result<()> {
         ratios.push(block[2].us(0.5) / block[1].us(0.5));
     }
     let [udp, quic, hapticd] = &all;
-    print_table("round trip at 500 Hz", quic, &[udp, quic, hapticd]);
+    print_table("round trip at 500 Hz", quic, [udp, quic, hapticd]);
     ratios.sort_by(f64::total_cmp);
     println!(
         "hapticd beside the bare quinn echo: p50 {:.2} (median of {} rounds; {:.2} to {:.2}), p99 {:.2}\n",

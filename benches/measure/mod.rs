@@ -75,7 +75,8 @@ pub fn clock_alone() -> Series {
 }
 
 /// Prints the rows, each beside the median of `unit`.
-pub fn print_table(title: &str, unit: &Series, rows: &[&Series]) {
+pub fn print_table<'a>(title: &str, unit: &Series, rows: impl IntoIterator<Item = &'a Series>) {
+    let rows: Vec<_> = rows.into_iter().collect();
     let width = rows.iter().map(|row| row.name.len()).max().unwrap_or(0).max(title.len());
     println!(
         "{title:width$} {:>8} {:>9} {:>9} {:>9} {:>8}",

@@ -4,7 +4,7 @@
 //! brake may act either way, up to what holds against the hand.
 
 use super::Allocation;
-use crate::notation::{ActuatorVector, MAX_ACTUATORS, ReferenceMatrix};
+use crate::notation::{ActuatorVector, MAX_ACTUATORS, PlaneVector, ReferenceMatrix};
 
 /// What an actuator is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -99,9 +99,44 @@ impl Capability {
         self.kinds[..self.actuators].iter().all(|kind| *kind == ActuatorKind::Brake)
     }
 
+    /// Largest force in `direction`, newtons, that the actuators could give if every one of
+    /// them could act both ways: the device's range here, whatever moves. `direction` need
+    /// not have length 1; without a direction there is no range.
+    ///
+    /// The wrenches of all torques form a zonotope, and along a direction its surface is where
+    /// the first of its facets is met: `min h(n) / |d . n|` over the facets' normals n, with
+    /// the support function `h(n) = sum |r_i . n| tau_i`. Normals that are no facet's bound
+    /// it too, and catch the flat ones.
+    pub fn range_N(&self, direction: &PlaneVector) -> f64 {
+        let across =
+            |v: PlaneVector| if self.freedoms > 2 { v } else { PlaneVector::new(v.x, v.y, 0.0) };
+        let to_force = |v: PlaneVector| PlaneVector::new(v.x, v.y, v.z / self.moment_length_m);
+        let Some(along) = to_force(across(*direction)).try_normalize(1e-12) else { return 0.0 };
+        let ray = |i: usize| to_force(across(self.reference.column(i).into_owned()));
+        let most_Nm = |i: usize| self.bounds.upper_Nm[i].max(-self.bounds.lower_Nm[i]);
+        let mut range_N = f64::INFINITY;
+        let mut meet = |normal: PlaneVector| {
+            let support: f64 =
+                (0..self.actuators).map(|i| ray(i).dot(&normal).abs() * most_Nm(i)).sum();
+            let slope = along.dot(&normal).abs();
+            if slope > 1e-9 * normal.norm() {
+                range_N = range_N.min(support / slope);
+            }
+        };
+        for i in 0..self.actuators {
+            meet(ray(i));
+            if self.freedoms == 2 {
+                meet(PlaneVector::new(-ray(i).y, ray(i).x, 0.0));
+            } else {
+                (0..i).for_each(|j| meet(ray(i).cross(&ray(j))));
+            }
+        }
+        if range_N.is_finite() { range_N } else { 0.0 }
+    }
+
     /// The wrench of these torques.
     pub fn allocation(&self, torque_Nm: ActuatorVector) -> Allocation {
-        let mut wrench = crate::notation::PlaneVector::zeros();
+        let mut wrench = PlaneVector::zeros();
         for i in 0..self.actuators {
             wrench += self.reference.column(i) * torque_Nm[i];
         }
@@ -114,7 +149,11 @@ impl Capability {
 
 #[cfg(test)]
 mod tests {
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
     use super::*;
+    use crate::actuation::optimal;
 
     #[test]
     fn a_brake_acts_only_against_its_rate_and_a_motor_both_ways() {
@@ -127,6 +166,54 @@ mod tests {
         let bounds = Bounds::given(&kinds, &ActuatorVector::repeat(5.0), &motion);
         assert_eq!(bounds.lower_Nm.as_slice()[..4], [-5.0, 0.0, -5.0, -5.0]);
         assert_eq!(bounds.upper_Nm.as_slice()[..4], [0.0, 5.0, 5.0, 5.0]);
+    }
+
+    /// Against the allocator: just inside the range a wrench can be given, just outside not.
+    #[test]
+    fn the_range_is_where_the_allocator_gives_up() {
+        let mut rng = ChaCha8Rng::seed_from_u64(11);
+        for case in 0..2000 {
+            let freedoms = rng.random_range(2..=3);
+            let actuators = rng.random_range(freedoms..=MAX_ACTUATORS);
+            let mut reference = ReferenceMatrix::zeros();
+            for entry in reference.columns_mut(0, actuators).iter_mut() {
+                *entry = rng.random_range(-5.0..5.0);
+            }
+            let kinds = [ActuatorKind::Motor; MAX_ACTUATORS];
+            let max = ActuatorVector::from_fn(|_, _| rng.random_range(0.5..20.0));
+            let bounds = Bounds::given(&kinds, &max, &[ShaftMotion::Rest; MAX_ACTUATORS]);
+            let device =
+                Capability { reference, freedoms, actuators, kinds, bounds, moment_length_m: 1.0 };
+            let mut direction = PlaneVector::from_fn(|_, _| rng.random_range(-1.0..1.0));
+            direction.z *= f64::from(u8::from(freedoms == 3));
+            let range_N = device.range_N(&direction);
+            let error_N = |share: f64| {
+                let wanted = direction.normalize() * range_N * share;
+                (optimal(&device, &wanted).wrench - wanted).norm()
+            };
+            assert!(error_N(0.999) < 1e-9 * range_N.max(1.0), "case {case}");
+            assert!(error_N(1.01) > 1e-6 * range_N, "case {case}");
+        }
+    }
+
+    #[test]
+    fn without_a_direction_or_a_ray_there_is_no_range() {
+        let mut reference = ReferenceMatrix::zeros();
+        let kinds = [ActuatorKind::Brake; MAX_ACTUATORS];
+        let bounds = Bounds::given(&kinds, &ActuatorVector::repeat(2.0), &Default::default());
+        let flat = |reference| Capability {
+            reference,
+            freedoms: 2,
+            actuators: 2,
+            kinds,
+            bounds,
+            moment_length_m: 1.0,
+        };
+        assert_eq!(flat(reference).range_N(&PlaneVector::x()), 0.0);
+        reference[(0, 0)] = 3.0;
+        assert_eq!(flat(reference).range_N(&PlaneVector::zeros()), 0.0);
+        assert!((flat(reference).range_N(&PlaneVector::x()) - 6.0).abs() < 1e-12);
+        assert_eq!(flat(reference).range_N(&PlaneVector::y()), 0.0);
     }
 
     #[test]

@@ -9,11 +9,11 @@ use std::thread::JoinHandle;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, bail};
-use hdrhistogram::Histogram;
 use rustix::event::{EventfdFlags, eventfd};
 use tokio::runtime::Runtime;
 use tokio::sync::watch;
 
+use super::Signals;
 use super::sockets::Sockets;
 use crate::client::ConnectString;
 use crate::clock::now_ns;
@@ -27,7 +27,7 @@ use crate::link::bridge;
 use crate::net::{self, Identity, StreamHandle, StreamParts};
 use crate::rt::{self, Cycle, Realtime, Right, RtConfig, RtHandle};
 use crate::session::SessionConfig;
-use crate::telemetry::{self, LatestReport, RunSummary, Telemetry};
+use crate::telemetry::{self, LatestReport, RoundTrips, RunFigures, RunSummary, Telemetry};
 
 /// Seed of the simulated hand and noise: a run is as repeatable as its timing.
 const SEED: u64 = 1;
@@ -48,15 +48,6 @@ pub struct Start {
     pub or_free_ports: bool,
 }
 
-/// What is left of a run.
-#[derive(Debug)]
-pub struct RunEnd {
-    /// The loop's figures.
-    pub summary: RunSummary,
-    /// Round trips of the server's pings, nanoseconds.
-    pub round_trips_ns: Option<Histogram<u64>>,
-}
-
 /// A running daemon.
 #[derive(Debug)]
 pub struct Daemon {
@@ -64,10 +55,12 @@ pub struct Daemon {
     rt: RtHandle,
     stream: StreamHandle,
     services: Option<Runtime>,
+    signals: Signals,
     shutdown: watch::Sender<bool>,
     feed: Option<JoinHandle<()>>,
     feed_stop: Arc<AtomicBool>,
     summary: Arc<Mutex<RunSummary>>,
+    round_trips: RoundTrips,
     host: Arc<DeviceHost>,
     connect: ConnectString,
     /// Where `/metrics` is.
@@ -112,6 +105,7 @@ impl Daemon {
             tracing::warn!(right = right.name(), why, "real-time right denied, going on without");
         }
 
+        let round_trips = RoundTrips::default();
         let feed_stop = Arc::new(AtomicBool::new(false));
         let feed = telemetry::spawn(
             records,
@@ -127,6 +121,7 @@ impl Daemon {
             link: stream_end,
             doorbell,
             metrics: telemetry.stream(),
+            round_trips: round_trips.clone(),
             on_start: raise_stream,
         })?;
         let host = DeviceHost::new(definition, supervisor, scene, scene_file, latest);
@@ -142,14 +137,20 @@ impl Daemon {
         let services =
             Services { grpc: sockets.grpc, http: sockets.http, telemetry: &telemetry, stopped };
         let services = services.start(&host)?;
+        let signals = {
+            let _inside = services.enter();
+            Signals::register()?
+        };
         Ok(Self {
             rt,
             stream,
             services: Some(services),
+            signals,
             shutdown,
             feed: Some(feed),
             feed_stop,
             summary,
+            round_trips,
             host,
             connect,
             http_address,
@@ -169,23 +170,27 @@ impl Daemon {
     }
 
     /// The figures of the run so far.
-    pub fn summary(&self) -> RunSummary {
-        self.summary.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    pub fn figures(&self) -> RunFigures {
+        let summary = self.summary.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        summary.figures(&self.round_trips)
     }
 
-    /// Waits for Ctrl-C or SIGTERM.
-    pub fn wait_for_signal(&self) -> anyhow::Result<()> {
+    /// Waits for Ctrl-C or SIGTERM; one that came since the start counts.
+    pub fn wait_for_signal(&mut self) -> anyhow::Result<()> {
         let Some(services) = &self.services else { bail!("the daemon is stopped") };
-        services.block_on(signalled())
+        services.block_on(self.signals.received());
+        Ok(())
     }
 
     /// Stops in order: clients are told, the device is let go, everything written is kept.
-    pub fn stop(mut self) -> RunEnd {
-        self.stop_parts()
+    /// Returns the figures of the whole run.
+    pub fn stop(mut self) -> RunFigures {
+        self.stop_parts();
+        self.figures()
     }
 
-    fn stop_parts(&mut self) -> RunEnd {
-        let round_trips_ns = self.stream.stop();
+    fn stop_parts(&mut self) {
+        self.stream.stop();
         self.rt.stop();
         let _ = self.shutdown.send(true);
         if let Some(services) = self.services.take() {
@@ -196,7 +201,6 @@ impl Daemon {
             // Its panic, if any, has been printed; the figures so far are still good.
             let _ = feed.join();
         }
-        RunEnd { summary: self.summary(), round_trips_ns }
     }
 }
 
@@ -204,17 +208,6 @@ impl Drop for Daemon {
     fn drop(&mut self) {
         self.stop_parts();
     }
-}
-
-/// Ctrl-C or SIGTERM, for whoever waits in a runtime.
-pub async fn signalled() -> anyhow::Result<()> {
-    use tokio::signal::unix::{SignalKind, signal};
-    let mut terminate = signal(SignalKind::terminate())?;
-    tokio::select! {
-        interrupted = tokio::signal::ctrl_c() => interrupted?,
-        _ = terminate.recv() => {}
-    }
-    Ok(())
 }
 
 /// A force waits for the stream thread too. Below the loop, above everything ordinary;

@@ -9,7 +9,9 @@
 
 mod daemon;
 mod log;
+mod signals;
 mod sockets;
 
-pub use daemon::{Daemon, RunEnd, Start, signalled};
+pub use daemon::{Daemon, Start};
 pub use log::init as init_log;
+pub use signals::Signals;

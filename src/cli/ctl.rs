@@ -66,7 +66,7 @@ impl Ctl {
     async fn act(self) -> anyhow::Result<()> {
         let authority = self.connect.grpc_authority();
         let mut services = services(&self.connect).await.with_context(|| {
-            format!("cannot reach the services at {authority}; is `hapticd serve` running?")
+            format!("cannot reach the services at {authority}; is `hapticd serve` running? On another gRPC port, use the whole connect string")
         })?;
         let name = device_name(&mut services, self.device.as_deref()).await?;
         let devices = &mut services.devices;

@@ -9,10 +9,10 @@ use anyhow::{Context, ensure};
 use clap::{Args, Subcommand};
 
 use super::view;
-use crate::app::{Daemon, RunEnd, Start, init_log};
+use crate::app::{Daemon, Start, init_log};
 use crate::config::{LogLevel, ServerConfig};
 use crate::device::HandProgram;
-use crate::telemetry::{RunFigures, SessionFigures};
+use crate::telemetry::RunFigures;
 
 /// Time for the scene to say goodbye by itself before it is ended.
 const FAREWELL: Duration = Duration::from_secs(2);
@@ -96,7 +96,7 @@ impl Wall {
             view::plain(&daemon, until, self.json, &mut || scene.check())?;
         }
         scene.stop();
-        print(&figures(daemon.stop()), self.json)
+        print(&daemon.stop(), self.json)
     }
 }
 
@@ -104,12 +104,6 @@ fn announce(daemon: &Daemon) {
     eprintln!("stream   {}", daemon.connect_string());
     eprintln!("gRPC     {}", daemon.grpc_address);
     eprintln!("metrics  http://{}/metrics", daemon.http_address);
-}
-
-fn figures(end: RunEnd) -> RunFigures {
-    let round_trips = end.round_trips_ns.filter(|round_trips| !round_trips.is_empty());
-    let us = |quantile| round_trips.as_ref().map(|ns| ns.value_at_quantile(quantile) as f64 * 1e-3);
-    end.summary.figures(&SessionFigures { rtt_p50_us: us(0.5), rtt_p99_us: us(0.99) })
 }
 
 fn print(figures: &RunFigures, as_json: bool) -> anyhow::Result<()> {
@@ -120,7 +114,10 @@ fn print(figures: &RunFigures, as_json: bool) -> anyhow::Result<()> {
     let value = serde_json::to_value(figures)?;
     println!();
     for (name, value) in value.as_object().into_iter().flatten() {
-        println!("{name:<30} {value}");
+        match value.as_f64().filter(|_| value.is_f64()) {
+            Some(number) => println!("{name:<30} {number:.3}"),
+            None => println!("{name:<30} {value}"),
+        }
     }
     Ok(())
 }

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use clap::{Args, Subcommand};
 
-use crate::app::signalled;
+use crate::app::Signals;
 use crate::client::{Client, ClientError, ConnectString, Incoming, Options};
 use crate::proto::{Contact, HalfSpaceContact, Role, contact::Shape};
 
@@ -72,17 +72,16 @@ impl Scene {
 
 impl Wall {
     async fn run(self) -> anyhow::Result<()> {
+        let mut signals = Signals::register()?;
         let options = Options::new("hapticd scene wall", Role::Controller);
         let mut client = Client::connect(&self.connect, options).await?;
         let device = client.welcome().device.clone();
         eprintln!("scene wall: commanding {device}, wall at x = {} m", self.x);
+        let seconds = self.seconds.map(Duration::try_from_secs_f64).transpose()?;
         let over = async {
-            match self.seconds {
-                Some(seconds) => {
-                    tokio::time::sleep(Duration::try_from_secs_f64(seconds)?).await;
-                    Ok(())
-                }
-                None => signalled().await,
+            tokio::select! {
+                () = signals.received() => {}
+                () = tokio::time::sleep(seconds.unwrap_or_default()), if seconds.is_some() => {}
             }
         };
         tokio::pin!(over);
@@ -102,8 +101,7 @@ impl Wall {
                     }
                     Err(error) => return Err(error.into()),
                 },
-                done = &mut over => {
-                    done?;
+                () = &mut over => {
                     client.close().await;
                     break;
                 }

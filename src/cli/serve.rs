@@ -75,7 +75,7 @@ impl Serve {
     pub fn run(self) -> anyhow::Result<()> {
         let config = self.settings.server_config()?;
         init_log(&config.log);
-        let daemon = Daemon::start(&config, Start::default())?;
+        let mut daemon = Daemon::start(&config, Start::default())?;
         // Plain, alone on its line and flushed: programs read it.
         let mut out = std::io::stdout().lock();
         writeln!(out, "{}", daemon.connect_string())?;

@@ -12,11 +12,11 @@ use ratatui::widgets::canvas::{Canvas, Context, Line as Stroke};
 use ratatui::widgets::{Block, Paragraph};
 
 use super::format;
-use crate::app::{Daemon, signalled};
+use crate::app::{Daemon, Signals};
 use crate::control::{Limit, Report};
 use crate::mechanism::Mechanism;
 use crate::proto;
-use crate::telemetry::{RunFigures, SessionFigures};
+use crate::telemetry::RunFigures;
 
 /// Pictures per second: smooth to the eye, nothing to a processor.
 const FRAME: Duration = Duration::from_millis(50);
@@ -35,7 +35,7 @@ pub fn live(daemon: &Daemon, until: Option<Instant>, check: Check) -> anyhow::Re
     let mut terminal = ratatui::try_init()?;
     let result = (|| loop {
         check()?;
-        let figures = figures(daemon);
+        let figures = daemon.figures();
         let report = daemon.host().report();
         terminal.draw(|frame| draw(frame, daemon, &report, &figures))?;
         if until.is_some_and(|until| Instant::now() >= until) || quit_pressed()? {
@@ -69,17 +69,16 @@ pub fn plain(
     check: Check,
 ) -> anyhow::Result<()> {
     super::runtime()?.block_on(async {
-        let signal = signalled();
-        tokio::pin!(signal);
+        let mut signals = Signals::register()?;
         loop {
             let second = Instant::now() + Duration::from_secs(1);
             let next = until.map_or(second, |until| until.min(second));
             tokio::select! {
-                signal = &mut signal => return signal,
+                () = signals.received() => return Ok(()),
                 () = tokio::time::sleep_until(next.into()) => {}
             }
             check()?;
-            let line = line(&daemon.host().report(), &figures(daemon));
+            let line = line(&daemon.host().report(), &daemon.figures());
             if quiet_stdout {
                 eprintln!("{line}")
             } else {
@@ -90,10 +89,6 @@ pub fn plain(
             }
         }
     })
-}
-
-fn figures(daemon: &Daemon) -> RunFigures {
-    daemon.summary().figures(&SessionFigures::default())
 }
 
 fn line(report: &Report, figures: &RunFigures) -> String {
@@ -126,7 +121,7 @@ fn draw(frame: &mut Frame, daemon: &Daemon, report: &Report, figures: &RunFigure
     let [forces, brakes, latency] = Layout::vertical([
         Constraint::Length(13),
         Constraint::Length(3 + device.actuator_names.len() as u16),
-        Constraint::Min(8),
+        Constraint::Min(11),
     ])
     .areas(side);
     frame.render_widget(forces_panel(report), forces);
@@ -250,10 +245,11 @@ fn latency_panel(daemon: &Daemon, figures: &RunFigures) -> Paragraph<'static> {
         field("wake-up p99", us(figures.wakeup_p99_us)),
         field("tick p99", format!("{:>7.1} us", figures.tick_p99_us)),
         field("overruns", format!("{:>7} of {}", figures.overruns, figures.ticks)),
+        field("round trip", figures.rtt_p50_us.map_or("-".into(), us)),
         field("next tick", percent(figures.command_lag_one_ratio)),
         field("stuck", percent(Some(figures.stuck_ratio))),
         field("deepest", format!("{:>7.3} mm", figures.penetration_max_mm)),
-        field("metrics", format!("http://{}", daemon.http_address)),
+        field("metrics", format!("http://{}/metrics", daemon.http_address)),
     ];
     Paragraph::new(lines).block(Block::bordered().title(" latency "))
 }

@@ -144,7 +144,8 @@ impl WallCommand {
                 let (objects, revision) = list(scenes, scene).await?;
                 objects.iter().for_each(|object| print(object, as_json));
                 if !as_json {
-                    println!("{} objects, revision {revision}", objects.len());
+                    let plural = if objects.len() == 1 { "" } else { "s" };
+                    println!("{} object{plural}, revision {revision}", objects.len());
                 }
             }
             Action::Rm { name } => {

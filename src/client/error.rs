@@ -25,6 +25,11 @@ pub enum ClientError {
     /// The connection was never made.
     #[error("cannot connect to {address}: {source}")]
     Connect { address: SocketAddr, source: quinn::ConnectionError },
+    /// Another server than the one in the connect string.
+    #[error(
+        "the server at {address} is not the one in the connect string: its certificate has another sha256"
+    )]
+    WrongServer { address: SocketAddr },
     /// The address cannot be connected to at all.
     #[error("cannot connect to {address}: {source}")]
     Address { address: SocketAddr, source: quinn::ConnectError },

@@ -21,6 +21,9 @@ use crate::wire::{self, FrameDecoder, PROTOCOL, encode_frame};
 /// Pings of a client: often enough for a fresh figure, too few to matter.
 const PING_INTERVAL: Duration = Duration::from_millis(100);
 
+/// TLS alert 42, `bad_certificate` (RFC 8446, section 6).
+const BAD_CERTIFICATE_ALERT: u8 = 42;
+
 /// How a session is asked for.
 #[derive(Clone, Debug)]
 pub struct Options {
@@ -99,8 +102,7 @@ impl Client {
         let connecting = endpoint
             .connect(address, "hapticd")
             .map_err(|source| ClientError::Address { address, source })?;
-        let connection =
-            connecting.await.map_err(|source| ClientError::Connect { address, source })?;
+        let connection = connecting.await.map_err(|source| connect_error(address, source))?;
         let (mut send, mut receive) = connection.open_bi().await?;
         let hello = StreamMessage { body: Some(Message::Hello(options.hello())) };
         send.write_all(&encode_frame(&hello)).await?;
@@ -234,6 +236,17 @@ impl Client {
 
 fn said(bye: &Bye) -> ClientError {
     ClientError::Bye { reason: bye.reason(), detail: bye.detail.clone() }
+}
+
+/// The verifier's refusal comes back as a transport error of its certificate alert.
+fn connect_error(address: SocketAddr, source: quinn::ConnectionError) -> ClientError {
+    let bad_certificate = quinn::TransportErrorCode::crypto(BAD_CERTIFICATE_ALERT);
+    match &source {
+        quinn::ConnectionError::TransportError(error) if error.code == bad_certificate => {
+            ClientError::WrongServer { address }
+        }
+        _ => ClientError::Connect { address, source },
+    }
 }
 
 async fn resolve(target: &ConnectString) -> Result<SocketAddr, ClientError> {

@@ -2,13 +2,13 @@
 //!
 //! In W everything is asked as it is (`requested`, raw). In the device's plane every
 //! surface becomes a [`WallDemand`] and everything else one soft force, each clipped to the
-//! force limit: that is what the actuators are asked. What the plane has no freedom for is
+//! force limit and to the device's range there: that is what the actuators are asked. What the plane has no freedom for is
 //! flagged, and so is everything that was clipped.
 
 use nalgebra::Vector3;
 
 use super::{ContactResult, Estimate, Limit, Limits, Plan};
-use crate::actuation::WallDemand;
+use crate::actuation::{Capability, WallDemand};
 use crate::environment::{Constraint, Desired, MAX_CONSTRAINTS, Source, Tool};
 use crate::notation::PlaneVector;
 
@@ -48,48 +48,34 @@ impl Request {
         self.walls().iter().fold(self.soft_BH_N, |sum, wall| sum + wall.normal * wall.force_N)
     }
 
-    /// What `desired` asks, of which the controller's part is at most `controller_cap_N`.
-    pub fn from_desired(
-        desired: &Desired,
-        tool: &Tool,
-        estimate: &Estimate,
-        plan: &Plan,
-        controller_cap_N: f64,
-    ) -> Self {
+    /// What `desired` asks, where and of whom `asking` says.
+    pub fn from_desired(desired: &Desired, asking: &Asking) -> Self {
         let mut request = Self { raw_W_N: desired.soft_W_N, ..Self::default() };
         request.limits.set(Limit::Constraints, desired.left_out > 0);
         let mut soft_W_N = desired.soft_W_N;
         for constraint in desired.constraints() {
-            soft_W_N += request.add(constraint, tool, estimate, plan, controller_cap_N);
+            soft_W_N += request.add(constraint, asking);
         }
-        let (soft_BH_N, across_N) = plan.W_to_plane(&soft_W_N);
+        let (soft_BH_N, across_N) = asking.plan.W_to_plane(&soft_W_N);
         request.limits.set(Limit::Freedom, across_N.abs() > 1e-6);
-        request.clip(soft_BH_N, plan.guards.force_limit_N);
+        request.soft_BH_N = soft_BH_N;
+        request.clip_total(asking);
         request
     }
 
     /// Adds one surface and returns its friction, in W.
-    fn add(
-        &mut self,
-        constraint: &Constraint,
-        tool: &Tool,
-        estimate: &Estimate,
-        plan: &Plan,
-        controller_cap_N: f64,
-    ) -> Vector3<f64> {
-        let raw_N = constraint.demand_N(&tool.v_WT_m_per_s);
+    fn add(&mut self, constraint: &Constraint, asking: &Asking) -> Vector3<f64> {
+        let v_W_m_per_s = &asking.tool.v_WT_m_per_s;
+        let raw_N = constraint.demand_N(v_W_m_per_s);
         self.raw_W_N += raw_N * constraint.normal_W;
         let of_controller = constraint.source == Source::Controller;
-        let cap_N = if of_controller { controller_cap_N } else { f64::INFINITY };
-        let limit_N = plan.guards.force_limit_N;
-        self.limits.set(Limit::Force, raw_N.min(cap_N) > limit_N);
-        let normal_N = raw_N.min(cap_N).min(limit_N);
+        let granted_N = if of_controller { raw_N.min(asking.controller_cap_N) } else { raw_N };
+        let normal_N = self.add_wall(constraint, granted_N, asking);
         if of_controller {
             self.controller_N = self.controller_N.max(normal_N);
         }
-        self.add_wall(constraint, normal_N, plan);
-        let load_N = pressing_N(constraint, estimate, plan).map_or(normal_N, |n| n.min(normal_N));
-        let friction_W_N = friction_W_N(constraint, &tool.v_WT_m_per_s, load_N);
+        let load_N = asking.pressing_N(constraint).map_or(normal_N, |n| n.min(normal_N));
+        let friction_W_N = friction_W_N(constraint, v_W_m_per_s, load_N);
         self.contacts[self.contact_count] = ContactResult {
             source: constraint.source,
             id: constraint.id,
@@ -101,35 +87,61 @@ impl Request {
         friction_W_N
     }
 
-    fn add_wall(&mut self, constraint: &Constraint, normal_N: f64, plan: &Plan) {
-        let (normal, across) = plan.W_to_plane(&constraint.normal_W);
+    /// Adds a surface's part in the plane; returns its normal force after clipping.
+    fn add_wall(&mut self, constraint: &Constraint, granted_N: f64, asking: &Asking) -> f64 {
+        let (normal, across) = asking.plan.W_to_plane(&constraint.normal_W);
         let in_plane = normal.norm();
         self.limits.set(Limit::Freedom, across.abs() > LEAST_IN_PLANE);
-        if in_plane > LEAST_IN_PLANE && normal_N > 0.0 {
-            self.walls[self.count] =
-                WallDemand { normal: normal / in_plane, force_N: normal_N * in_plane };
-            self.count += 1;
+        if in_plane <= LEAST_IN_PLANE || granted_N <= 0.0 {
+            return 0.0;
         }
+        let most_N = asking.most_N(&normal);
+        self.limits.set(Limit::Force, granted_N * in_plane > most_N);
+        let force_N = (granted_N * in_plane).min(most_N);
+        self.walls[self.count] = WallDemand { normal: normal / in_plane, force_N };
+        self.count += 1;
+        force_N / in_plane
     }
 
-    fn clip(&mut self, soft_BH_N: PlaneVector, limit_N: f64) {
-        let soft_N = soft_BH_N.norm();
-        self.limits.set(Limit::Force, soft_N > limit_N);
-        self.soft_BH_N = soft_BH_N * (limit_N / soft_N.max(limit_N));
-        let total_N = self.clipped_BH_N().norm();
-        if total_N > limit_N {
+    fn clip_total(&mut self, asking: &Asking) {
+        let total = self.clipped_BH_N();
+        let most_N = asking.most_N(&total);
+        if total.norm() > most_N * (1.0 + 1e-12) {
             self.limits.set(Limit::Force, true);
-            let share = limit_N / total_N;
+            let share = most_N / total.norm();
             self.soft_BH_N *= share;
             self.walls[..self.count].iter_mut().for_each(|wall| wall.force_N *= share);
         }
     }
 }
 
-/// How hard the hand presses into a surface, where that is known.
-fn pressing_N(constraint: &Constraint, estimate: &Estimate, plan: &Plan) -> Option<f64> {
-    let hand_W_N = plan.plane_to_W(&estimate.F_hand_BH_N?);
-    Some((-hand_W_N.dot(&constraint.normal_W)).max(0.0))
+/// Where a request is made, of whom, and within which bounds.
+#[derive(Clone, Copy, Debug)]
+pub struct Asking<'a> {
+    /// The tool in W.
+    pub tool: &'a Tool,
+    /// The device as sensed.
+    pub estimate: &'a Estimate,
+    /// Its configuration.
+    pub plan: &'a Plan,
+    /// What its actuators can do.
+    pub capability: &'a Capability,
+    /// Most that the controller's contacts may ask.
+    pub controller_cap_N: f64,
+}
+
+impl Asking<'_> {
+    /// Most that makes sense to ask along a direction of the plane: the configured limit, or
+    /// what the device could give at all.
+    fn most_N(&self, direction: &PlaneVector) -> f64 {
+        self.plan.guards.force_limit_N.min(self.capability.range_N(direction))
+    }
+
+    /// How hard the hand presses into a surface, where that is known.
+    fn pressing_N(&self, constraint: &Constraint) -> Option<f64> {
+        let hand_W_N = self.plan.plane_to_W(&self.estimate.F_hand_BH_N?);
+        Some((-hand_W_N.dot(&constraint.normal_W)).max(0.0))
+    }
 }
 
 /// Coulomb friction of a surface under a load, against the sliding velocity.

@@ -8,7 +8,7 @@
 pub enum Limit {
     /// An actuator is at its torque limit.
     Torque,
-    /// The request was clipped to the configured force limit.
+    /// The request was clipped to the force limit or to the range of the device.
     Force,
     /// The soft force changes faster than allowed.
     Slew,

@@ -47,7 +47,7 @@ pub struct Actuators {
 /// Bounds on what is asked and how it may change.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Guards {
-    /// A larger request is clipped to this.
+    /// A larger request is clipped to this, or to what the device can give where that is less.
     pub force_limit_N: f64,
     /// Fastest change of a soft force.
     pub slew_N_per_s: f64,
@@ -66,7 +66,7 @@ pub struct Guards {
 impl Default for Guards {
     fn default() -> Self {
         Self {
-            force_limit_N: 100.0,
+            force_limit_N: 1000.0,
             slew_N_per_s: 2_000.0,
             stale_ramp_ns: 50_000_000,
             closure_limit_rad: 0.2,

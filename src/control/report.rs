@@ -105,7 +105,7 @@ pub struct Report {
     pub region: Option<Region>,
     /// Angle between what was asked and what the law chose; `None`: not defined.
     pub approximation_angle_rad: Option<f64>,
-    /// Distance between `achievable` and the request clipped to the force limit.
+    /// Distance between `achievable` and the request clipped to limit and range.
     pub force_error_N: Option<f64>,
     /// Held where it should be free.
     pub stuck: bool,

@@ -2,7 +2,7 @@
 
 use nalgebra::UnitQuaternion;
 
-use super::desire::{Request, proxy_W_m};
+use super::desire::{Asking, Request, proxy_W_m};
 use super::estimate::Estimate;
 use super::{
     ActuatorCommands, ControlState, DeviceError, Event, Fault, Limit, Limits, Mode, Plan,
@@ -101,8 +101,8 @@ fn blind(state: &mut ControlState, input: &TickInput) -> Decision {
 fn render(state: &mut ControlState, estimate: &Estimate, input: &TickInput) -> Decision {
     let plan = input.plan;
     let tool = tool_of(estimate, plan);
-    let (desired, request) = desire(state, estimate, &tool, input);
     let capability = capability(estimate, plan);
+    let (desired, request) = desire(state, estimate, &tool, &capability, input);
     let mut limits = request.limits;
     limits.set(Limit::Stale, state.authority.is_fading());
 
@@ -150,26 +150,28 @@ fn desire(
     state: &mut ControlState,
     estimate: &Estimate,
     tool: &Tool,
+    capability: &Capability,
     input: &TickInput,
 ) -> (Desired, Request) {
     let ramp_ns = input.plan.guards.stale_ramp_ns;
     if state.authority.advance(input.setpoint, input.now_ns, ramp_ns, state.controller_N) {
         state.events.push(Event::Stale);
     }
-    let cap_N = state.authority.cap_N(input.now_ns, ramp_ns);
+    let controller_cap_N = state.authority.cap_N(input.now_ns, ramp_ns);
     let mut desired = Desired::default();
     for item in &input.plan.scene {
         if let Some(surface) = state.scene.get_mut(usize::from(item.slot)) {
             desired.add_item(item, surface, tool);
         }
     }
-    let live = cap_N > 0.0;
+    let live = controller_cap_N > 0.0;
     let contacts = input.setpoint.contacts().filter(|_| live);
     state.contacts.follow(input.setpoint.epoch, contacts);
     for (contact, surface) in input.setpoint.contacts().zip(state.contacts.iter_mut()) {
         desired.add_contact(contact, surface, tool);
     }
-    let request = Request::from_desired(&desired, tool, estimate, input.plan, cap_N);
+    let asking = Asking { tool, estimate, plan: input.plan, capability, controller_cap_N };
+    let request = Request::from_desired(&desired, &asking);
     state.controller_N = request.controller_N;
     (desired, request)
 }

@@ -14,7 +14,6 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use hdrhistogram::Histogram;
 use quinn::crypto::rustls::QuicServerConfig;
 use quinn::{Connection, Endpoint, EndpointConfig, Incoming, ServerConfig, VarInt};
 use tokio::io::Interest;
@@ -28,7 +27,7 @@ use crate::link::StreamEnd;
 use crate::proto::StreamMessage;
 use crate::quic;
 use crate::session::{Output, Role, SessionConfig, SessionId, Sessions, Transport};
-use crate::telemetry::{self, StreamMetrics};
+use crate::telemetry::{RoundTrips, StreamMetrics};
 use crate::wire::{FrameDecoder, encode_frame};
 
 /// Messages that may wait on a reliable stream; a client that reads nothing loses it.
@@ -55,6 +54,8 @@ pub struct StreamParts {
     pub doorbell: OwnedFd,
     /// Where to count.
     pub metrics: StreamMetrics,
+    /// Where the round trips of its pings are gathered.
+    pub round_trips: RoundTrips,
     /// Run first by the new thread: to raise its priority.
     pub on_start: fn(),
 }
@@ -76,14 +77,17 @@ pub struct StreamHandle {
     /// Where it listens.
     pub address: SocketAddr,
     shutdown: Option<oneshot::Sender<()>>,
-    thread: Option<JoinHandle<Histogram<u64>>>,
+    thread: Option<JoinHandle<()>>,
 }
 
 impl StreamHandle {
-    /// Says Bye to everyone and ends the thread. Returns the round trips of its pings, ns.
-    pub fn stop(&mut self) -> Option<Histogram<u64>> {
+    /// Says Bye to everyone and ends the thread.
+    pub fn stop(&mut self) {
         drop(self.shutdown.take());
-        self.thread.take()?.join().ok()
+        if let Some(thread) = self.thread.take() {
+            // A panic in there was reported by the panic hook; there is nothing to add.
+            let _ = thread.join();
+        }
     }
 }
 
@@ -134,22 +138,18 @@ struct Hub {
     link: StreamEnd<Setpoint, Report>,
     peers: HashMap<SessionId, Peer>,
     metrics: StreamMetrics,
-    round_trips_ns: Histogram<u64>,
+    round_trips: RoundTrips,
 }
 
 type Shared = Rc<RefCell<Hub>>;
 
-async fn serve(
-    parts: StreamParts,
-    config: ServerConfig,
-    stopped: oneshot::Receiver<()>,
-) -> Histogram<u64> {
+async fn serve(parts: StreamParts, config: ServerConfig, stopped: oneshot::Receiver<()>) {
     let hub = Rc::new(RefCell::new(Hub {
         sessions: Sessions::new(parts.sessions),
         link: parts.link,
         peers: HashMap::new(),
         metrics: parts.metrics,
-        round_trips_ns: telemetry::durations_ns(),
+        round_trips: parts.round_trips,
     }));
     let runtime = Arc::new(quinn::TokioRuntime);
     match Endpoint::new(EndpointConfig::default(), Some(config), parts.socket, runtime) {
@@ -164,7 +164,6 @@ async fn serve(
         }
         Err(error) => tracing::error!(%error, "the stream cannot be served"),
     }
-    hub.borrow().round_trips_ns.clone()
 }
 
 async fn accept(endpoint: &Endpoint, hub: &Shared) {
@@ -343,7 +342,7 @@ impl Hub {
                 }
                 Output::Rtt { transport, rtt_ns } => {
                     self.metrics.rtt(transport, rtt_ns);
-                    self.round_trips_ns.saturating_record(rtt_ns);
+                    self.round_trips.record(rtt_ns);
                 }
             }
         }

@@ -72,7 +72,7 @@ pub enum StaleReason {
     Ttl,
     /// Nothing was heard from the controller for too long.
     Silent,
-    /// Its connection ended, or broke the protocol.
+    /// It broke the protocol and was sent away.
     Disconnected,
     /// The controller said goodbye, or the server shut down.
     Released,

@@ -146,16 +146,22 @@ impl Sessions {
         self.outbox.must(Output::Close { to, reason, detail });
     }
 
-    /// Ends the lease if this session held it.
+    /// Ends the lease if this session held it, and takes its force away by the ramp: it said
+    /// Bye, or broke the rules.
     pub(super) fn end_lease(&mut self, id: SessionId, reason: StaleReason, now_ns: u64) {
-        if !self.lease.end(id) {
-            return;
-        }
-        if self.setpoint.seq != 0 && !self.setpoint.released {
+        if self.lease.holder() == Some(id) && self.setpoint.seq != 0 && !self.setpoint.released {
             self.setpoint.released = true;
             self.setpoint_due = true;
             self.counters.count_stale(reason);
         }
-        self.tell_all(&events::of_lease(now_ns, self.lease.epoch()));
+        self.lose_lease(id, now_ns);
+    }
+
+    /// Ends the lease if this session held it. It vanished; time-to-live alone decides when
+    /// its force goes, so that a broken connection is as good as a lost datagram.
+    pub(super) fn lose_lease(&mut self, id: SessionId, now_ns: u64) {
+        if self.lease.end(id) {
+            self.tell_all(&events::of_lease(now_ns, self.lease.epoch()));
+        }
     }
 }

@@ -124,10 +124,10 @@ impl Sessions {
         Ok(id)
     }
 
-    /// Its connection is gone.
+    /// Its connection is gone. What it commanded last holds for its time-to-live.
     pub fn disconnect(&mut self, id: SessionId, now_ns: u64) {
         if self.peers.remove(&id).is_some() {
-            self.end_lease(id, StaleReason::Disconnected, now_ns);
+            self.lose_lease(id, now_ns);
         }
     }
 

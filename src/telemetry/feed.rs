@@ -76,7 +76,7 @@ fn drain(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::telemetry::{SessionFigures, Telemetry};
+    use crate::telemetry::{RoundTrips, Telemetry};
 
     fn record(tick: u64) -> Record {
         Record { report: Report { tick, ..Report::default() }, ..Record::default() }
@@ -98,7 +98,7 @@ mod tests {
         }
         stop.store(true, Ordering::Release);
         thread.join().unwrap();
-        assert_eq!(summary.lock().unwrap().figures(&SessionFigures::default()).ticks, 1_000);
+        assert_eq!(summary.lock().unwrap().figures(&RoundTrips::default()).ticks, 1_000);
         assert_eq!(latest.get().tick, 1_000);
         let text = telemetry.scrape().render();
         assert!(text.contains("hapticd_loop_ticks_total{device=\"d\"} 1000\n"));

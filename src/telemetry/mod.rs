@@ -21,4 +21,4 @@ pub mod table;
 pub use feed::{LatestReport, spawn};
 pub use metrics::{DeviceMetrics, StreamMetrics};
 pub use registry::{Scrape, Telemetry, TelemetryError};
-pub use summary::{RegionTicks, RunFigures, RunSummary, SessionFigures, durations_ns};
+pub use summary::{RegionTicks, RoundTrips, RunFigures, RunSummary, durations_ns};

@@ -260,7 +260,7 @@ fn ctl_edits_walls_and_shows_the_state() {
     assert_eq!(number(&json(&ctl(&["wall", "rm", "table"]).ok()), "scene_revision"), 4.0);
     assert_eq!(ctl(&["wall", "list"]).ok().stdout, "");
 
-    ctl(&["wall", "rm", "table"]).refused(&["\"table\"", "not-found"]);
+    ctl(&["wall", "rm", "table"]).refused(&["there is no object \"table\""]);
     let negative = ["wall", "add", "bad", "--point", "0,0,0", "--normal=1,0,0", "--stiffness=-1"];
     ctl(&negative).refused(&["object.material.stiffness_n_per_m = -1", "0 to 1000000000 N/m"]);
     assert_eq!(json(&ctl(&["stop"]).ok())["mode"], "stopped");

@@ -1,13 +1,12 @@
 //! The services over real gRPC: the device's switch, and a scene that is felt.
 
-use hapticd::client::Services;
 use hapticd::config::BUILT_IN;
 use hapticd::proto::scene_object::Kind;
 use hapticd::proto::{
     ClearFaultRequest, ConstantField, CreateObjectRequest, DeleteObjectRequest, DisableRequest,
-    EnableRequest, Fault, GetDescriptionRequest, GetObjectRequest, GetSceneRequest,
-    GetStateRequest, HalfSpace, ListDevicesRequest, ListObjectsRequest, Material, Mode, Role,
-    SceneObject, StopRequest, Strategy, UpdateObjectRequest, Vector3, WatchStateRequest,
+    EnableRequest, Fault, GetDescriptionRequest, GetObjectRequest, GetStateRequest, HalfSpace,
+    ListDevicesRequest, ListObjectsRequest, Material, Mode, Role, SceneObject, StopRequest,
+    Strategy, UpdateObjectRequest, Vector3, WatchStateRequest,
 };
 use tonic::{Code, Status};
 
@@ -57,16 +56,6 @@ fn update(id: &str, object: SceneObject) -> UpdateObjectRequest {
 
 fn delete(id: &str) -> DeleteObjectRequest {
     DeleteObjectRequest { name: object_name(id), scene_revision: 0 }
-}
-
-async fn revision(services: &mut Services) -> u64 {
-    services
-        .scenes
-        .get_scene(GetSceneRequest { name: scene() })
-        .await
-        .unwrap()
-        .into_inner()
-        .revision
 }
 
 fn expect<T: std::fmt::Debug>(answer: Result<T, Status>, code: Code, words: &[&str]) {
