@@ -22,7 +22,7 @@ use hapticd::app::{Daemon, Start};
 use hapticd::client::{Client, ConnectString, Incoming, Options};
 use hapticd::config::ServerConfig;
 use hapticd::proto::{Contact, HalfSpaceContact, Role, contact};
-use hapticd::telemetry::{RunFigures, SessionFigures};
+use hapticd::telemetry::RunFigures;
 use measure::{Series, print_table, quick, rounds};
 use tokio::runtime::Runtime;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until, timeout_at};
@@ -180,7 +180,7 @@ fn answering(sessions: usize, time: Duration) -> anyhow::Result<RunFigures> {
     for thread in threads.into_iter().chain([controller]) {
         thread.join().map_err(|_| anyhow::anyhow!("a client panicked"))??;
     }
-    Ok(daemon.stop().summary.figures(&SessionFigures::default()))
+    Ok(daemon.stop())
 }
 
 async fn observe(

@@ -83,7 +83,7 @@ fn a_device_is_listed_described_and_watched() {
         let described = described.await.unwrap().into_inner();
         assert_eq!((described.actuated_freedoms, described.actuators.len()), (2, 4));
         assert_eq!((described.tick_period_s, described.handle_mass_kg), (1e-3, 0.5));
-        assert!(described.hand_force_sensor && described.force_limit_n == 100.0);
+        assert!(described.hand_force_sensor && described.force_limit_n == 1000.0);
         assert_eq!(described.parameters["k3"], 0.781);
         assert!(described.actuators.iter().all(|brake| brake.max_torque_nm == 20.0));
 
