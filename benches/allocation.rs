@@ -5,7 +5,6 @@
 //! the reference for time and for the answer: a difference ends the bench.
 
 #![allow(non_snake_case)]
-#![allow(clippy::disallowed_types, clippy::disallowed_methods, clippy::disallowed_macros)]
 
 mod measure;
 

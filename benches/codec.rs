@@ -5,7 +5,6 @@
 //! protobuf's encoding of one State.
 
 #![allow(non_snake_case)]
-#![allow(clippy::disallowed_types, clippy::disallowed_methods, clippy::disallowed_macros)]
 
 mod experiment;
 mod measure;

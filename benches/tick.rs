@@ -5,7 +5,6 @@
 //! one posture from shaft angles, measured after each of these ticks.
 
 #![allow(non_snake_case)]
-#![allow(clippy::disallowed_types, clippy::disallowed_methods, clippy::disallowed_macros)]
 
 mod experiment;
 mod measure;

@@ -41,8 +41,6 @@
 #![deny(unsafe_code)]
 #![allow(non_snake_case)]
 // names carry frames: `p_BH`, `F_BH_N`
-// The bans of clippy.toml are for the real-time modules, which deny them.
-#![allow(clippy::disallowed_types, clippy::disallowed_methods, clippy::disallowed_macros)]
 
 /// Tests prove that a tick does not allocate.
 #[cfg(test)]

@@ -1,8 +1,6 @@
 //! All integration tests, in one binary.
 // Names carry frames: `p_BH`, `F_BH_N`.
 #![allow(non_snake_case)]
-// The bans of clippy.toml are for the real-time modules, which deny them.
-#![allow(clippy::disallowed_types, clippy::disallowed_methods, clippy::disallowed_macros)]
 
 #[cfg(feature = "net")]
 mod commands;

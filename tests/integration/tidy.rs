@@ -141,7 +141,7 @@ fn pure_modules_know_no_clock_no_file_no_socket_and_no_log() {
         let within = |root: &&str| path == **root || path.starts_with(&format!("{root}::"));
         let time = path.starts_with("std::time") && path != "std::time::Duration";
         let clock = within(&"crate::clock");
-        let impure = time || clock || roots.iter().chain(&crates).any(|root| within(&root));
+        let impure = time || clock || roots.iter().chain(&crates).any(within);
         (PURE.contains(&module) && impure).then(|| format!("{module} is pure"))
     };
     check("pure modules know values and `now`", complaints(impure));
