@@ -34,7 +34,7 @@ pub enum DeviceError {
 }
 
 impl DeviceError {
-    /// Every kind, in the order of [`DeviceError::index`].
+    /// Every kind, in the order of declaration.
     pub const ALL: [Self; 3] = [Self::Timeout, Self::Disconnected, Self::Malformed];
 
     /// The name used in metrics.
