@@ -31,7 +31,9 @@ pub fn nearest_in_box(
     }
     let finite = |part: &f64| part.is_finite();
     if matrix.iter().all(finite) && target.iter().all(finite) {
-        Search { matrix, target, lower, upper, count, free: [false; MAX_ACTUATORS] }.run(&mut x);
+        let length = std::array::from_fn(|i| if i < count { matrix.column(i).norm() } else { 0.0 });
+        let free = [false; MAX_ACTUATORS];
+        Search { matrix, target, lower, upper, count, length, free }.run(&mut x);
     }
     x
 }
@@ -42,6 +44,8 @@ struct Search<'a> {
     lower: &'a ActuatorVector,
     upper: &'a ActuatorVector,
     count: usize,
+    /// Of each column.
+    length: [f64; MAX_ACTUATORS],
     free: [bool; MAX_ACTUATORS],
 }
 
@@ -75,11 +79,11 @@ impl Search<'_> {
         let residual = self.residual(x);
         let mut scale = self.target.norm();
         for i in 0..self.count {
-            scale += self.matrix.column(i).norm() * x[i].abs();
+            scale += self.length[i] * x[i].abs();
         }
         let mut best = (ROUNDING * scale, None);
         for i in (0..self.count).filter(|&i| !self.free[i] && !tried[i]) {
-            let length = self.matrix.column(i).norm();
+            let length = self.length[i];
             let slope = self.matrix.column(i).dot(&residual);
             let room = if slope > 0.0 { x[i] < self.upper[i] } else { x[i] > self.lower[i] };
             if room && length > 0.0 && slope.abs() / length > best.0 {
@@ -132,17 +136,23 @@ impl Search<'_> {
                 continue;
             }
             let mut column: PlaneVector = self.matrix.column(i).into_owned();
-            let length = column.norm();
+            let length = self.length[i];
             let mut parts = [0.0; MAX_FREEDOMS];
-            // Twice: once leaves the rounding of nearly parallel columns in the rest.
+            let mut rest = length;
+            // Again where much was taken away: that leaves the rounding of nearly parallel
+            // columns in the rest.
             for _ in 0..2 {
+                let before = rest;
                 for k in 0..rank {
                     let part = basis[k].dot(&column);
                     parts[k] += part;
                     column -= basis[k] * part;
                 }
+                rest = if rank == 0 { length } else { column.norm() };
+                if rest > 0.5 * before {
+                    break;
+                }
             }
-            let rest = column.norm();
             if rest <= ROUNDING * length {
                 self.free[i] = false;
                 continue;

@@ -120,7 +120,9 @@ impl<'a> Face<'a> {
     }
 
     fn least_norm(&self) -> Option<ActuatorVector> {
-        let mut lambda = PlaneVector::zeros();
+        // As if no bound were met: often right at once, and never far.
+        let all = self.curvature(|_| true);
+        let mut lambda = solve_in_range(&all, &self.share).0;
         for _ in 0..MAX_STEPS {
             let missing = self.missing(&lambda);
             if missing.norm() <= 4.0 * ROUNDING * (self.scale + self.share.norm()) {
@@ -141,15 +143,22 @@ impl<'a> Face<'a> {
     /// Newton's direction; where the free columns cannot give what is missing, the part of
     /// it that they cannot give, which brings a clipped actuator back.
     fn direction(&self, lambda: &PlaneVector, missing: &PlaneVector) -> PlaneVector {
-        let mut curvature = Matrix3::zeros();
-        for i in self.trading() {
+        let curvature = self.curvature(|i| {
             let free = self.column(i).dot(lambda) / self.weights[i];
-            if free > self.bounds.lower_Nm[i] && free < self.bounds.upper_Nm[i] {
-                curvature += self.column(i) * self.column(i).transpose() / self.weights[i];
-            }
-        }
+            free > self.bounds.lower_Nm[i] && free < self.bounds.upper_Nm[i]
+        });
         let (newton, out_of_reach) = solve_in_range(&curvature, missing);
         if out_of_reach.norm() > 1e-9 * missing.norm() { out_of_reach } else { newton }
+    }
+
+    /// Curvature of the dual where these of the trading actuators are between their bounds.
+    fn curvature(&self, between: impl Fn(usize) -> bool) -> Matrix3<f64> {
+        let mut sum = Matrix3::zeros();
+        for i in self.trading().filter(|&i| between(i)) {
+            let column = self.column(i);
+            sum += column * column.transpose() / self.weights[i];
+        }
+        sum
     }
 
     /// Step that minimises the dual along `direction`: its slope falls piecewise linearly,
