@@ -7,7 +7,6 @@
 //! controller answers every State at once, alone and beside seven observers, and the daemon
 //! tells in how many ticks a command computed from the State of the tick before was in force.
 
-
 mod echo;
 mod measure;
 
