@@ -5,7 +5,7 @@
 //! written to disk, put in force at a tick's edge, and only then true; if the device does not
 //! take it, the disk is put back. Blocking calls, milliseconds; never from the stream thread.
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use crate::clock::now_ns;
@@ -24,7 +24,7 @@ const PAUSE: Duration = Duration::from_micros(200);
 const DEAD_AFTER: Duration = Duration::from_millis(500);
 
 /// The supervisor's end of the bridges.
-pub type Supervisor = SupervisorEnd<ControlCommand, ControlReply>;
+pub type Supervisor = SupervisorEnd<(u64, ControlCommand), (u64, ControlReply)>;
 
 /// Why something was not done.
 #[derive(Debug, thiserror::Error)]
@@ -39,7 +39,7 @@ pub enum HostError {
     #[error(transparent)]
     State(#[from] StateError),
     /// The real-time thread does not answer.
-    #[error("the device's loop did not answer within {} ms; nothing was changed", PATIENCE.as_millis())]
+    #[error("the device's loop did not answer within {} ms; a mode change may still take effect", PATIENCE.as_millis())]
     Unresponsive,
 }
 
@@ -47,8 +47,11 @@ pub enum HostError {
 #[derive(Debug)]
 pub struct DeviceHost {
     definition: DeviceDefinition,
-    supervisor: Mutex<Supervisor>,
+    /// With the number of the last command.
+    supervisor: Mutex<(u64, Supervisor)>,
     scene: Mutex<KeptScene>,
+    /// The scene in force, for readers: an edit holds `scene` while it waits for disk and loop.
+    in_force: Mutex<Arc<Scene>>,
     latest: LatestReport,
 }
 
@@ -67,8 +70,10 @@ impl DeviceHost {
         file: SceneFile,
         latest: LatestReport,
     ) -> Self {
+        let in_force = Mutex::new(Arc::new(scene.clone()));
         let scene = Mutex::new(KeptScene { scene, file });
-        Self { definition, supervisor: Mutex::new(supervisor), scene, latest }
+        let supervisor = Mutex::new((0, supervisor));
+        Self { definition, supervisor, scene, in_force, latest }
     }
 
     /// What the device is.
@@ -95,43 +100,53 @@ impl DeviceHost {
         }
     }
 
-    /// The resident scene.
-    pub fn scene(&self) -> Scene {
-        lock(&self.scene).scene.clone()
+    /// The resident scene in force. Waits for no edit.
+    pub fn scene(&self) -> Arc<Scene> {
+        Arc::clone(&lock(&self.in_force))
     }
 
     /// Edits the scene; returns what `edit` returned and the scene then.
     pub fn edit_scene<T>(
         &self,
         edit: impl FnOnce(&mut Scene) -> Result<T, SceneError>,
-    ) -> Result<(T, Scene), HostError> {
+    ) -> Result<(T, Arc<Scene>), HostError> {
         let mut kept = lock(&self.scene);
         let mut next = kept.scene.clone();
         let result = edit(&mut next)?;
         let plan = Box::new(build_plan(&self.definition, &next));
-        kept.file.save(&next)?;
+        if let Err(error) = kept.file.save(&next) {
+            // It may have been put in place before it failed; what was acknowledged stays.
+            let KeptScene { scene, file } = &mut *kept;
+            let _ = file.save(scene);
+            return Err(error.into());
+        }
         if let Err(error) = self.execute(ControlCommand::SwapPlan(plan)) {
             let KeptScene { scene, file } = &mut *kept;
             // Should the loop come back and find the new plan waiting, the old one follows it.
             let plan = Box::new(build_plan(&self.definition, scene));
-            let _ = lock(&self.supervisor).commands.push(ControlCommand::SwapPlan(plan));
+            let _ = lock(&self.supervisor).1.commands.push((0, ControlCommand::SwapPlan(plan)));
             file.save(scene)?;
             return Err(error);
         }
         kept.scene = next.clone();
+        let next = Arc::new(next);
+        *lock(&self.in_force) = Arc::clone(&next);
         Ok((result, next))
     }
 
     /// Sends one command and waits for its reply.
     fn execute(&self, command: ControlCommand) -> Result<ControlReply, HostError> {
         let mut supervisor = lock(&self.supervisor);
-        // A reply that nobody waited for any more belongs to an older command.
-        while supervisor.replies.pop().is_ok() {}
-        supervisor.commands.push(command).map_err(|_| HostError::Unresponsive)?;
+        let (last, supervisor) = &mut *supervisor;
+        *last += 1;
+        supervisor.commands.push((*last, command)).map_err(|_| HostError::Unresponsive)?;
         let deadline = Instant::now() + PATIENCE;
         loop {
-            if let Ok(reply) = supervisor.replies.pop() {
-                return Ok(reply);
+            match supervisor.replies.pop() {
+                Ok((number, reply)) if number == *last => return Ok(reply),
+                // Nobody waited for that one any more.
+                Ok(_) => continue,
+                Err(_) => {}
             }
             if Instant::now() > deadline {
                 return Err(HostError::Unresponsive);

@@ -32,7 +32,7 @@ use crate::telemetry::{self, LatestReport, RoundTrips, RunFigures, RunSummary, T
 /// Seed of the simulated hand and noise: a run is as repeatable as its timing.
 const SEED: u64 = 1;
 
-/// SCHED_FIFO priority of the stream thread, far below the loop's usual 80.
+/// SCHED_FIFO priority of the stream thread, or just below the loop's where that is lower.
 const STREAM_PRIORITY: u8 = 40;
 
 /// Time for open calls to end when the daemon stops.
@@ -122,7 +122,7 @@ impl Daemon {
             doorbell,
             metrics: telemetry.stream(),
             round_trips: round_trips.clone(),
-            on_start: raise_stream,
+            on_start: raise_stream(config.rt_priority),
         })?;
         let host = DeviceHost::new(definition, supervisor, scene, scene_file, latest);
         let host = Arc::new(host);
@@ -210,10 +210,15 @@ impl Drop for Daemon {
     }
 }
 
-/// A force waits for the stream thread too. Below the loop, above everything ordinary;
+/// A force waits for the stream thread too. Always below the loop, above everything ordinary;
 /// denied, it goes on as it is: the loop has said so already.
-fn raise_stream() {
-    let _ = rt::fifo(STREAM_PRIORITY);
+fn raise_stream(rt_priority: u8) -> Box<dyn Fn() + Send> {
+    let priority = STREAM_PRIORITY.min(rt_priority.saturating_sub(1));
+    Box::new(move || {
+        if priority > 0 {
+            let _ = rt::fifo(priority);
+        }
+    })
 }
 
 fn state_path(config: &ServerConfig) -> anyhow::Result<PathBuf> {

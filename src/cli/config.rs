@@ -26,14 +26,14 @@ impl Config {
     /// Prints the example, or `ok`.
     pub fn run(self) -> anyhow::Result<()> {
         let Some(path) = self.check else {
-            print!("{EXAMPLE}");
+            say!("{}", EXAMPLE.trim_end());
             return Ok(());
         };
         let text = std::fs::read_to_string(&path)
             .with_context(|| format!("cannot read {}", path.display()))?;
         let config = ServerConfig::from_toml(&text, &path.display().to_string())?;
         let device = DeviceDefinition::load(&config.device)?;
-        println!("ok: {} serves devices/{} on {}", path.display(), device.name, config.listen);
+        say!("ok: {} serves devices/{} on {}", path.display(), device.name, config.listen);
         Ok(())
     }
 }

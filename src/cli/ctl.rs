@@ -1,11 +1,11 @@
 //! `hapticd ctl`: describe, watch and switch a running device, and edit its scene.
 
-use anyhow::{Context, bail};
+use anyhow::{Context, bail, ensure};
 use clap::{Args, Subcommand};
 use serde_json::{Value, json};
 
 use super::{format, wall};
-use crate::client::{ConnectString, Services, services};
+use crate::client::{ConnectString, DEFAULT_GRPC_PORT, DEFAULT_STREAM_PORT, Services, services};
 use crate::proto::{
     ActuatorKind, ActuatorState, ClearFaultRequest, ContactState, DeviceDescription, DeviceMode,
     DeviceState, DisableRequest, EnableRequest, Fault, GetDescriptionRequest, GetStateRequest,
@@ -64,7 +64,14 @@ impl Ctl {
     }
 
     async fn act(self) -> anyhow::Result<()> {
-        let authority = self.connect.grpc_authority();
+        let target = &self.connect;
+        let elsewhere =
+            target.stream_port != DEFAULT_STREAM_PORT && target.grpc_port == DEFAULT_GRPC_PORT;
+        ensure!(
+            !elsewhere || target.sha256.is_some(),
+            "{target} does not say where the services are: use the whole connect string that `serve` prints (with grpc=PORT)"
+        );
+        let authority = target.grpc_authority();
         let mut services = services(&self.connect).await.with_context(|| {
             format!("cannot reach the services at {authority}; is `hapticd serve` running? On another gRPC port, use the whole connect string")
         })?;
@@ -118,9 +125,9 @@ async fn device_name(services: &mut Services, wanted: Option<&str>) -> anyhow::R
 fn print_mode(mode: &DeviceMode, as_json: bool) {
     let word = format::mode(mode.mode());
     if as_json {
-        println!("{}", json!({ "name": mode.name, "mode": word }));
+        say!("{}", json!({ "name": mode.name, "mode": word }));
     } else {
-        println!("{}: {word}", mode.name);
+        say!("{}: {word}", mode.name);
     }
 }
 
@@ -135,8 +142,8 @@ async fn watch(
     loop {
         tokio::select! {
             state = states.message() => match state.map_err(plain)? {
-                Some(state) if as_json => println!("{}", state_json(&state)),
-                Some(state) => println!("{}", state_line(&state)),
+                Some(state) if as_json => say!("{}", state_json(&state)),
+                Some(state) => say!("{}", state_line(&state)),
                 None => bail!("the server ended"),
             },
             signal = tokio::signal::ctrl_c() => return Ok(signal?),
@@ -154,7 +161,7 @@ fn print_description(description: &DeviceDescription, as_json: bool) {
             .collect();
         let parameters: serde_json::Map<_, _> =
             description.parameters.iter().map(|(k, v)| (k.clone(), json!(v))).collect();
-        println!(
+        say!(
             "{}",
             json!({
                 "name": description.name,
@@ -174,23 +181,25 @@ fn print_description(description: &DeviceDescription, as_json: bool) {
     }
     let simulated = if description.simulated { ", simulated" } else { "" };
     let sensor = if description.hand_force_sensor { "with" } else { "without" };
-    println!(
+    say!(
         "{} ({}{simulated}), {} freedoms",
-        description.name, description.mechanism, description.actuated_freedoms
+        description.name,
+        description.mechanism,
+        description.actuated_freedoms
     );
-    println!(
+    say!(
         "  tick {:.3} ms, {sensor} a force sensor, requests up to {} N",
         description.tick_period_s * 1e3,
         description.force_limit_n
     );
-    println!(
+    say!(
         "  reaches {:.3} to {:.3} m, {} kg at the handle",
         description.workspace_min_radius_m,
         description.workspace_max_radius_m,
         description.handle_mass_kg
     );
     for actuator in &description.actuators {
-        println!(
+        say!(
             "  {}: {}, {} N m, lag {} ms, {} counts",
             actuator.name,
             kind(actuator.kind()),
@@ -202,7 +211,7 @@ fn print_description(description: &DeviceDescription, as_json: bool) {
     let mut parameters: Vec<_> = description.parameters.iter().collect();
     parameters.sort_by(|a, b| a.0.cmp(b.0));
     for (name, value) in parameters {
-        println!("  {name} = {value}");
+        say!("  {name} = {value}");
     }
 }
 
@@ -258,48 +267,44 @@ fn state_line(state: &DeviceState) -> String {
 
 fn print_state(state: &DeviceState, as_json: bool) {
     if as_json {
-        println!("{}", state_json(state));
+        say!("{}", state_json(state));
         return;
     }
     let force = |wrench: &Option<crate::proto::Wrench>| {
         format::vector(wrench.as_ref().and_then(|wrench| wrench.force_n.as_ref()), 2)
     };
-    println!("{}: {}, tick {}", state.name, format::mode(state.mode()), state.tick);
+    say!("{}: {}, tick {}", state.name, format::mode(state.mode()), state.tick);
     if state.fault() != Fault::Unspecified {
-        println!("  fault       {}", format::word(state.fault().as_str_name(), "FAULT_"));
+        say!("  fault       {}", format::word(state.fault().as_str_name(), "FAULT_"));
     }
-    println!(
+    say!(
         "  position    {} m",
         format::vector(state.measured_cp.as_ref().and_then(|pose| pose.position_m.as_ref()), 4)
     );
-    println!(
+    say!(
         "  velocity    {} m/s",
         format::vector(
             state.measured_cv.as_ref().and_then(|twist| twist.linear_m_per_s.as_ref()),
             3
         )
     );
-    println!("  hand        {} N", force(&state.measured_cf));
-    println!("  requested   {} N", force(&state.requested));
-    println!("  achievable  {} N", force(&state.achievable));
-    println!(
+    say!("  hand        {} N", force(&state.measured_cf));
+    say!("  requested   {} N", force(&state.requested));
+    say!("  achievable  {} N", force(&state.achievable));
+    say!(
         "  rendered    {} N ({})",
         force(&state.rendered),
         format::word(state.rendered_source().as_str_name(), "RENDERED_SOURCE_")
     );
-    println!("  region      {}", format::region(state.region()));
+    say!("  region      {}", format::region(state.region()));
     if let Some(angle_rad) = state.approximation_angle_rad {
-        println!("  approx.     {:.1} deg from what was asked", angle_rad.to_degrees());
+        say!("  approx.     {:.1} deg from what was asked", angle_rad.to_degrees());
     }
-    println!(
-        "  law         {}{}",
-        format::law(state.law()),
-        if state.stuck { ", stuck" } else { "" }
-    );
-    println!("  limits      {}", format::limits(state.limits()));
-    println!("  scene       revision {}", state.scene_revision);
+    say!("  law         {}{}", format::law(state.law()), if state.stuck { ", stuck" } else { "" });
+    say!("  limits      {}", format::limits(state.limits()));
+    say!("  scene       revision {}", state.scene_revision);
     for contact in &state.contacts {
-        println!(
+        say!(
             "  touching    {}: {:.3} mm deep, {:.1} N",
             contact.name,
             contact.depth_m * 1e3,
@@ -307,7 +312,7 @@ fn print_state(state: &DeviceState, as_json: bool) {
         );
     }
     for actuator in &state.actuators {
-        println!(
+        say!(
             "  {:<11} {:.3} N m of [{:.1}, {:.1}], {:.3} rad/s",
             actuator.name,
             actuator.commanded_nm,

@@ -5,9 +5,10 @@ use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, ensure};
+use anyhow::Context;
 use clap::{Args, Subcommand};
 
+use super::format::parse_seconds;
 use super::view;
 use crate::app::{Daemon, Start, init_log};
 use crate::config::{LogLevel, ServerConfig};
@@ -41,8 +42,8 @@ enum Which {
   hapticd demo wall --device cho-2005-unoptimised --seconds 20")]
 struct Wall {
     /// End after this time; without it, at Ctrl-C or q
-    #[arg(long, value_name = "N")]
-    seconds: Option<f64>,
+    #[arg(long, value_name = "N", value_parser = parse_seconds, allow_negative_numbers = true)]
+    seconds: Option<Duration>,
     /// Print the run's figures as one JSON object, and nothing else, on stdout
     #[arg(long)]
     json: bool,
@@ -67,12 +68,6 @@ impl Demo {
 
 impl Wall {
     fn run(self) -> anyhow::Result<()> {
-        if let Some(seconds) = self.seconds {
-            ensure!(
-                seconds > 0.0 && seconds <= 86_400.0,
-                "--seconds {seconds}: must be more than 0, at most 86400"
-            );
-        }
         let scratch = tempfile::tempdir().context("no folder for the demo's state")?;
         let state_dir = self.state_dir.clone().unwrap_or_else(|| scratch.path().to_owned());
         let mut config = ServerConfig {
@@ -88,7 +83,7 @@ impl Wall {
             announce(&daemon);
         }
         let mut scene = Scene::start(&daemon)?;
-        let until = self.seconds.map(|seconds| Instant::now() + Duration::from_secs_f64(seconds));
+        let until = self.seconds.map(|seconds| Instant::now() + seconds);
         let live = !self.json && std::io::stdout().is_terminal();
         if live {
             view::live(&daemon, until, &mut || scene.check())?;
@@ -108,15 +103,15 @@ fn announce(daemon: &Daemon) {
 
 fn print(figures: &RunFigures, as_json: bool) -> anyhow::Result<()> {
     if as_json {
-        println!("{}", serde_json::to_string(figures)?);
+        say!("{}", serde_json::to_string(figures)?);
         return Ok(());
     }
     let value = serde_json::to_value(figures)?;
-    println!();
+    say!("");
     for (name, value) in value.as_object().into_iter().flatten() {
         match value.as_f64().filter(|_| value.is_f64()) {
-            Some(number) => println!("{name:<30} {number:.3}"),
-            None => println!("{name:<30} {value}"),
+            Some(number) => say!("{name:<30} {number:.3}"),
+            None => say!("{name:<30} {value}"),
         }
     }
     Ok(())

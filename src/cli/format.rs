@@ -1,6 +1,11 @@
 //! How values look on a terminal.
 
+use std::time::Duration;
+
 use crate::proto::{Limit, Mode, Region, Strategy, Vector3};
+
+/// A day: longer runs are for `serve`.
+const LONGEST_S: f64 = 86_400.0;
 
 /// A vector with its unit.
 pub fn vector(v: Option<&Vector3>, digits: usize) -> String {
@@ -47,6 +52,14 @@ pub fn limits(limits: impl Iterator<Item = Limit>) -> String {
     if words.is_empty() { "none".into() } else { words.join(", ") }
 }
 
+/// How long a command runs, seconds.
+pub fn parse_seconds(text: &str) -> Result<Duration, String> {
+    let seconds = text.parse().ok().filter(|s: &f64| *s > 0.0 && *s <= LONGEST_S);
+    let duration = seconds.and_then(|s| Duration::try_from_secs_f64(s).ok());
+    let duration = duration.filter(|duration| !duration.is_zero());
+    duration.ok_or_else(|| format!("must be more than 0, at most {LONGEST_S} s"))
+}
+
 /// Three numbers as people write them: `0.3,0,0`.
 pub fn parse_vector(text: &str) -> Result<Vector3, String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|part| part.trim().parse()).collect();
@@ -59,6 +72,14 @@ pub fn parse_vector(text: &str) -> Result<Vector3, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_time_is_positive_and_at_most_a_day() {
+        assert_eq!(parse_seconds("1.5"), Ok(Duration::from_millis(1500)));
+        for wrong in ["0", "-1", "nan", "inf", "86401", "soon", "1e-300"] {
+            assert!(parse_seconds(wrong).is_err(), "{wrong}");
+        }
+    }
 
     #[test]
     fn three_numbers_are_a_vector_and_nothing_else_is() {

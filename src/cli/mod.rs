@@ -1,6 +1,11 @@
 //! The commands. Each reads its arguments, calls the parts, and prints; none of them decides
 //! anything about forces. Results go to stdout, everything else to stderr.
 
+/// One line on stdout; see [`say_line`].
+macro_rules! say {
+    ($($text:tt)*) => { $crate::cli::say_line(format_args!($($text)*)) };
+}
+
 mod config;
 mod ctl;
 mod demo;
@@ -11,6 +16,7 @@ mod serve;
 mod view;
 mod wall;
 
+use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -48,6 +54,20 @@ pub fn run() -> ExitCode {
         Err(error) => {
             eprintln!("hapticd: {}", told_once(&error));
             ExitCode::FAILURE
+        }
+    }
+}
+
+/// Writes a line on stdout. Whoever closes the pipe has read enough; anything else that
+/// keeps a result from being written ends the program with an error.
+fn say_line(line: std::fmt::Arguments<'_>) {
+    let mut out = std::io::stdout().lock();
+    match writeln!(out, "{line}").and_then(|()| out.flush()) {
+        Ok(()) => {}
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => std::process::exit(0),
+        Err(error) => {
+            eprintln!("hapticd: cannot write to stdout: {error}");
+            std::process::exit(1);
         }
     }
 }

@@ -7,6 +7,7 @@ use clap::Args;
 use hdrhistogram::Histogram;
 use serde_json::json;
 
+use super::format::parse_seconds;
 use crate::client::{Client, ConnectString, Incoming, Options};
 use crate::proto::Role;
 use crate::telemetry::durations_ns;
@@ -21,8 +22,8 @@ pub struct Ping {
     #[arg(value_name = "TARGET", default_value = "127.0.0.1:7351")]
     target: ConnectString,
     /// How long to measure
-    #[arg(long, value_name = "N", default_value_t = 3.0)]
-    seconds: f64,
+    #[arg(long, value_name = "N", default_value = "3", value_parser = parse_seconds, allow_negative_numbers = true)]
+    seconds: Duration,
     /// Pings per second, 1 to 1000
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..=1000))]
     rate: u32,
@@ -34,11 +35,6 @@ pub struct Ping {
 impl Ping {
     /// Measures and prints.
     pub fn run(self) -> anyhow::Result<()> {
-        ensure!(
-            self.seconds > 0.0 && self.seconds <= 86_400.0,
-            "--seconds {}: must be more than 0, at most 86400",
-            self.seconds
-        );
         super::runtime()?.block_on(self.measure())
     }
 
@@ -50,7 +46,7 @@ impl Ping {
         let mut round_trips_ns = durations_ns();
         let mut sent = 0u64;
         let mut pace = tokio::time::interval(Duration::from_secs(1) / self.rate);
-        let over = tokio::time::sleep(Duration::try_from_secs_f64(self.seconds)?);
+        let over = tokio::time::sleep(self.seconds);
         tokio::pin!(over);
         loop {
             tokio::select! {
@@ -75,7 +71,7 @@ impl Ping {
 
     fn print(&self, sent: u64, round_trips_ns: &Histogram<u64>) -> anyhow::Result<()> {
         let answered = round_trips_ns.len();
-        ensure!(answered > 0, "no ping was answered in {} s", self.seconds);
+        ensure!(answered > 0, "no ping was answered in {:?}", self.seconds);
         let us = |quantile| round_trips_ns.value_at_quantile(quantile) as f64 * 1e-3;
         if self.json {
             let figures = json!({
@@ -86,18 +82,13 @@ impl Ping {
                 "rtt_p99_us": us(0.99),
                 "rtt_max_us": round_trips_ns.max() as f64 * 1e-3,
             });
-            println!("{figures}");
+            say!("{figures}");
             return Ok(());
         }
         let lost = 100.0 * (sent - answered) as f64 / sent as f64;
-        println!("{answered} of {sent} pings answered ({lost:.1} % lost)");
-        println!(
-            "round trip: p50 {:.0} us, p99 {:.0} us, worst {:.0} us",
-            us(0.5),
-            us(0.99),
-            us(1.0)
-        );
-        println!("{}", verdict(us(0.5), us(0.99)).context("no figure")?);
+        say!("{answered} of {sent} pings answered ({lost:.1} % lost)");
+        say!("round trip: p50 {:.0} us, p99 {:.0} us, worst {:.0} us", us(0.5), us(0.99), us(1.0));
+        say!("{}", verdict(us(0.5), us(0.99)).context("no figure")?);
         Ok(())
     }
 }

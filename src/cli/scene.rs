@@ -4,9 +4,11 @@ use std::time::Duration;
 
 use clap::{Args, Subcommand};
 
+use super::format::parse_seconds;
 use crate::app::Signals;
 use crate::client::{Client, ClientError, ConnectString, Incoming, Options};
 use crate::proto::{Contact, HalfSpaceContact, Role, contact::Shape};
+use crate::units::{self, FieldError};
 
 /// Run a scene against a server.
 #[derive(Debug, Args)]
@@ -35,19 +37,19 @@ struct Wall {
     #[arg(long, default_value = "quic", value_parser = ["quic"])]
     transport: String,
     /// End after this time; without it, at Ctrl-C
-    #[arg(long, value_name = "N")]
-    seconds: Option<f64>,
+    #[arg(long, value_name = "N", value_parser = parse_seconds, allow_negative_numbers = true)]
+    seconds: Option<Duration>,
     /// Where the wall stands, metres
     #[arg(long, default_value_t = WALL_X_M, allow_negative_numbers = true)]
     x: f32,
     /// Its stiffness, N/m
-    #[arg(long, default_value_t = 1e7)]
+    #[arg(long, default_value_t = 1e7, allow_negative_numbers = true)]
     stiffness: f32,
     /// Its damping, N s/m
-    #[arg(long, default_value_t = 0.0)]
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     damping: f32,
     /// Its friction coefficient
-    #[arg(long, default_value_t = 0.0)]
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     friction: f32,
 }
 
@@ -64,6 +66,7 @@ impl Scene {
     /// Runs until its time is over, Ctrl-C, or the server ends.
     pub fn run(self) -> anyhow::Result<()> {
         let Which::Wall(wall) = self.scene;
+        wall.check()?;
         // A simulator that answers every tick wants to run on time too. Denied, it runs on.
         let _ = crate::rt::fifo(SCENE_PRIORITY);
         super::runtime()?.block_on(wall.run())
@@ -71,13 +74,22 @@ impl Scene {
 }
 
 impl Wall {
+    /// A server does not answer a bad command: what is wrong is said before there is one.
+    fn check(&self) -> Result<(), FieldError> {
+        units::POSITION.check("--x", self.x.into())?;
+        units::STIFFNESS.check("--stiffness", self.stiffness.into())?;
+        units::DAMPING.check("--damping", self.damping.into())?;
+        units::FRICTION.check("--friction", self.friction.into())?;
+        Ok(())
+    }
+
     async fn run(self) -> anyhow::Result<()> {
         let mut signals = Signals::register()?;
         let options = Options::new("hapticd scene wall", Role::Controller);
         let mut client = Client::connect(&self.connect, options).await?;
         let device = client.welcome().device.clone();
         eprintln!("scene wall: commanding {device}, wall at x = {} m", self.x);
-        let seconds = self.seconds.map(Duration::try_from_secs_f64).transpose()?;
+        let seconds = self.seconds;
         let over = async {
             tokio::select! {
                 () = signals.received() => {}
@@ -122,7 +134,8 @@ impl Wall {
             damping_ns_per_m: self.damping,
             friction: self.friction,
             hollow: false,
-            blend_ms: 10,
+            // Nobody is pushed by a wall that appears around the tool: it holds where the tool is.
+            blend_ms: 0,
         }
     }
 }

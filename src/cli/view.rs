@@ -82,7 +82,7 @@ pub fn plain(
             if quiet_stdout {
                 eprintln!("{line}")
             } else {
-                println!("{line}")
+                say!("{line}")
             }
             if until.is_some_and(|until| Instant::now() >= until) {
                 return Ok(());

@@ -68,13 +68,13 @@ struct Fields {
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     normal: Option<Vector3>,
     /// N/m (1000 if a new wall does not say)
-    #[arg(long, value_name = "N/m")]
+    #[arg(long, value_name = "N/m", allow_negative_numbers = true)]
     stiffness: Option<f64>,
     /// N s/m
-    #[arg(long, value_name = "N s/m")]
+    #[arg(long, value_name = "N s/m", allow_negative_numbers = true)]
     damping: Option<f64>,
     /// Coulomb coefficient
-    #[arg(long, value_name = "MU")]
+    #[arg(long, value_name = "MU", allow_negative_numbers = true)]
     friction: Option<f64>,
     /// A sheet, felt from both sides
     #[arg(long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true")]
@@ -142,10 +142,13 @@ impl WallCommand {
             }
             Action::List => {
                 let (objects, revision) = list(scenes, scene).await?;
-                objects.iter().for_each(|object| print(object, as_json));
-                if !as_json {
+                if as_json {
+                    let objects: Vec<_> = objects.iter().map(object_json).collect();
+                    say!("{}", json!({ "scene_revision": revision, "objects": objects }));
+                } else {
+                    objects.iter().for_each(|object| print(object, false));
                     let plural = if objects.len() == 1 { "" } else { "s" };
-                    println!("{} object{plural}, revision {revision}", objects.len());
+                    say!("{} object{plural}, revision {revision}", objects.len());
                 }
             }
             Action::Rm { name } => {
@@ -153,9 +156,9 @@ impl WallCommand {
                 let revision =
                     scenes.delete_object(request).await.map_err(plain)?.into_inner().scene_revision;
                 if as_json {
-                    println!("{}", json!({ "scene_revision": revision }));
+                    say!("{}", json!({ "scene_revision": revision }));
                 } else {
-                    println!("{name} removed, revision {revision}");
+                    say!("{name} removed, revision {revision}");
                 }
             }
         }
@@ -174,7 +177,7 @@ async fn list(
 
 fn print(object: &SceneObject, as_json: bool) {
     if as_json {
-        println!("{}", object_json(object));
+        say!("{}", object_json(object));
         return;
     }
     let material = object.material.unwrap_or_default();
@@ -201,9 +204,9 @@ fn print(object: &SceneObject, as_json: bool) {
         None => "nothing".into(),
     };
     let hollow = if object.hollow { ", hollow" } else { "" };
-    println!("{id}: {shape}{hollow}");
+    say!("{id}: {shape}{hollow}");
     if object.material.is_some() {
-        println!(
+        say!(
             "  {} N/m, {} N s/m, friction {}, revision {}",
             material.stiffness_n_per_m,
             material.damping_ns_per_m,

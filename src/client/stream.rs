@@ -21,8 +21,9 @@ use crate::wire::{self, FrameDecoder, PROTOCOL, encode_frame};
 /// Pings of a client: often enough for a fresh figure, too few to matter.
 const PING_INTERVAL: Duration = Duration::from_millis(100);
 
-/// TLS alert 42, `bad_certificate` (RFC 8446, section 6).
-const BAD_CERTIFICATE_ALERT: u8 = 42;
+/// TLS alert 49, `access_denied` (RFC 8446, section 6): a certificate that the application
+/// does not accept.
+const ACCESS_DENIED_ALERT: u8 = 49;
 
 /// How a session is asked for.
 #[derive(Clone, Debug)]
@@ -240,9 +241,9 @@ fn said(bye: &Bye) -> ClientError {
 
 /// The verifier's refusal comes back as a transport error of its certificate alert.
 fn connect_error(address: SocketAddr, source: quinn::ConnectionError) -> ClientError {
-    let bad_certificate = quinn::TransportErrorCode::crypto(BAD_CERTIFICATE_ALERT);
+    let refused = quinn::TransportErrorCode::crypto(ACCESS_DENIED_ALERT);
     match &source {
-        quinn::ConnectionError::TransportError(error) if error.code == bad_certificate => {
+        quinn::ConnectionError::TransportError(error) if error.code == refused => {
             ClientError::WrongServer { address }
         }
         _ => ClientError::Connect { address, source },

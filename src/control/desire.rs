@@ -54,7 +54,9 @@ impl Request {
         request.limits.set(Limit::Constraints, desired.left_out > 0);
         let mut soft_W_N = desired.soft_W_N;
         for constraint in desired.constraints() {
-            soft_W_N += request.add(constraint, asking);
+            let friction_W_N = request.add(constraint, asking);
+            request.raw_W_N += friction_W_N;
+            soft_W_N += friction_W_N;
         }
         let (soft_BH_N, across_N) = asking.plan.W_to_plane(&soft_W_N);
         request.limits.set(Limit::Freedom, across_N.abs() > 1e-6);
@@ -111,6 +113,11 @@ impl Request {
             let share = most_N / total.norm();
             self.soft_BH_N *= share;
             self.walls[..self.count].iter_mut().for_each(|wall| wall.force_N *= share);
+            self.controller_N *= share;
+            for contact in &mut self.contacts[..self.contact_count] {
+                contact.normal_N *= share;
+                contact.friction_N *= share;
+            }
         }
     }
 }

@@ -115,8 +115,8 @@ impl Surface {
         };
         if changed {
             state.choose_side(self.hollow, before_m, distance_m);
-            state.known = Some((revision, self.shape));
         }
+        state.known = Some((revision, self.shape));
         let depth_m = radius_m - state.side * distance_m;
         if changed {
             state.offset_m = (depth_m - before_m.max(0.0)).max(0.0);

@@ -33,6 +33,12 @@ use crate::wire::{FrameDecoder, encode_frame};
 /// Messages that may wait on a reliable stream; a client that reads nothing loses it.
 const WAITING_MESSAGES: usize = 256;
 
+/// Time for a message to be taken by a client that is slow to read.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// Between two looks at what was refused: a log line, at most, for each session.
+const REFUSALS: Duration = Duration::from_secs(1);
+
 /// Time for a Bye to reach its client before the connection is closed.
 const FAREWELL: Duration = Duration::from_millis(250);
 
@@ -40,7 +46,6 @@ const FAREWELL: Duration = Duration::from_millis(250);
 const TIMER: Duration = Duration::from_millis(10);
 
 /// Everything the thread is given.
-#[derive(Debug)]
 pub struct StreamParts {
     /// Bound already, so that a port in use is known at once.
     pub socket: UdpSocket,
@@ -57,7 +62,7 @@ pub struct StreamParts {
     /// Where the round trips of its pings are gathered.
     pub round_trips: RoundTrips,
     /// Run first by the new thread: to raise its priority.
-    pub on_start: fn(),
+    pub on_start: Box<dyn Fn() + Send>,
 }
 
 /// Why the stream cannot be served.
@@ -156,6 +161,7 @@ async fn serve(parts: StreamParts, config: ServerConfig, stopped: oneshot::Recei
         Ok(endpoint) => {
             tokio::task::spawn_local(hear_doorbell(Rc::clone(&hub), parts.doorbell));
             tokio::task::spawn_local(keep_time(Rc::clone(&hub)));
+            tokio::task::spawn_local(tell_refusals(Rc::clone(&hub)));
             tokio::select! {
                 () = accept(&endpoint, &hub) => {}
                 _ = stopped => {}
@@ -265,8 +271,10 @@ async fn converse(
     };
     let writing = async {
         while let Some(bytes) = outgoing.recv().await {
-            if send.write_all(&bytes).await.is_err() {
-                return;
+            // A client that takes nothing would hold its connection open for ever.
+            let written = tokio::time::timeout(PATIENCE, send.write_all(&bytes)).await;
+            if !matches!(written, Ok(Ok(()))) {
+                return connection.close(VarInt::from_u32(2), b"you do not read");
             }
         }
         // No more to say: the session is over, its Bye is written.
@@ -319,6 +327,24 @@ async fn keep_time(hub: Shared) {
             hub.act();
         }
         hub.publish();
+    }
+}
+
+/// Datagrams are never answered, so whoever writes a client finds in the log what is wrong
+/// with its commands.
+async fn tell_refusals(hub: Shared) {
+    let mut told: HashMap<SessionId, String> = HashMap::new();
+    loop {
+        tokio::time::sleep(REFUSALS).await;
+        let hub = hub.borrow();
+        told.retain(|id, _| hub.peers.contains_key(id));
+        for session in hub.sessions.list(now_ns()) {
+            let Some(refusal) = session.last_refusal.map(ToString::to_string) else { continue };
+            if told.get(&session.id) != Some(&refusal) {
+                tracing::warn!(session = %session.id, client = session.client_name, refusal, "commands are refused");
+                told.insert(session.id, refusal);
+            }
+        }
     }
 }
 

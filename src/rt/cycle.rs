@@ -13,7 +13,8 @@ use crate::device::Device;
 use crate::link::RtEnd;
 
 /// The bridges of a device, with what they really carry.
-pub type DeviceLink = RtEnd<Setpoint, Report, Record, ControlCommand, ControlReply>;
+/// A command carries a number, and its reply the same.
+pub type DeviceLink = RtEnd<Setpoint, Report, Record, (u64, ControlCommand), (u64, ControlReply)>;
 
 /// Commands carried out in one turn: bounded, and more than the ring holds is never there.
 const COMMANDS_PER_TURN: usize = 2;
@@ -87,11 +88,11 @@ impl<D: Device> Cycle<D> {
 
     fn obey(&mut self) {
         for _ in 0..COMMANDS_PER_TURN {
-            let Some(command) = self.link.next_command() else {
+            let Some((number, command)) = self.link.next_command() else {
                 return;
             };
             let reply = self.state.apply(command, &mut self.plan);
-            self.link.reply(reply);
+            self.link.reply((number, reply));
         }
     }
 

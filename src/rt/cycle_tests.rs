@@ -17,7 +17,7 @@ const MS: u64 = 1_000_000;
 struct World<D: Device> {
     cycle: Cycle<D>,
     stream: StreamEnd<Setpoint, Report>,
-    supervisor: SupervisorEnd<ControlCommand, ControlReply>,
+    supervisor: SupervisorEnd<(u64, ControlCommand), (u64, ControlReply)>,
     records: rtrb::Consumer<Record>,
     now_ns: u64,
 }
@@ -47,9 +47,9 @@ impl<D: Device> World<D> {
     }
 
     fn ask(&mut self, command: ControlCommand) -> ControlReply {
-        self.supervisor.commands.push(command).unwrap();
+        self.supervisor.commands.push((1, command)).unwrap();
         self.turn();
-        self.supervisor.replies.pop().unwrap()
+        self.supervisor.replies.pop().unwrap().1
     }
 
     fn mode(&mut self, command: ModeCommand) -> Option<Mode> {
@@ -209,15 +209,54 @@ fn a_vanished_controllers_force_is_gone_within_its_time_to_live_plus_the_ramp() 
 }
 
 #[test]
+fn friction_is_part_of_what_is_requested_and_resists_the_sliding() {
+    let mut surface = wall_of(2e3);
+    surface.material.friction = 0.5;
+    let mut world = world("press-and-slide", &[Element::Surface(surface)]);
+    let mut seen = 0;
+    for _ in 0..3_000 {
+        let report = world.turn();
+        let sliding = report.v_WT_m_per_s.y;
+        if report.contact_count == 1 && sliding < -0.05 && !report.limits.contains(Limit::Force) {
+            let contact = report.contacts()[0];
+            assert!((report.requested.force_N.y - contact.friction_N).abs() < 1e-9);
+            let load_N = contact.friction_N / 0.5;
+            assert!(load_N <= contact.normal_N + 1e-9 && load_N > 0.0, "{contact:?}");
+            seen += 1;
+        }
+    }
+    assert!(seen > 300, "{seen}");
+}
+
+#[test]
+fn walls_that_ask_more_than_the_device_has_share_what_it_has() {
+    let mut four = world("press-and-slide", &[Element::Surface(wall()); 4]);
+    let mut most_N = 0.0f64;
+    for _ in 0..2_000 {
+        let report = four.turn();
+        most_N = most_N.max(report.contacts().iter().map(|contact| contact.normal_N).sum());
+    }
+    let mut single = world("press-and-slide", &[Element::Surface(wall())]);
+    let mut alone_N = 0.0f64;
+    for _ in 0..2_000 {
+        alone_N =
+            alone_N.max(single.turn().contacts().iter().map(|contact| contact.normal_N).sum());
+    }
+    assert!(most_N > 0.0 && (most_N / alone_N - 1.0).abs() < 0.2, "{most_N} of {alone_N}");
+}
+
+#[test]
 fn a_new_plan_is_in_force_on_the_next_tick_and_the_old_one_comes_back() {
     let mut world = world("hold", &[]);
     world.run(10);
     let mut next = plan_with(&[Element::Surface(wall())]);
     next.scene_revision = 42;
     let mechanism = Arc::downgrade(&next.mechanism);
-    world.supervisor.commands.push(ControlCommand::SwapPlan(Box::new(next))).unwrap();
+    world.supervisor.commands.push((5, ControlCommand::SwapPlan(Box::new(next)))).unwrap();
     assert_eq!(world.turn().scene_revision, 42);
-    let Ok(ControlReply::Retired(old)) = world.supervisor.replies.pop() else { panic!("no reply") };
+    let Ok((5, ControlReply::Retired(old))) = world.supervisor.replies.pop() else {
+        panic!("no reply")
+    };
     assert_eq!(old.scene_revision, 1);
     assert!(mechanism.upgrade().is_some());
 }

@@ -8,6 +8,7 @@ mod clock;
 mod cycle;
 mod guard;
 mod rights;
+mod run;
 mod thread;
 
 pub use cycle::{Cycle, DeviceLink};

@@ -70,8 +70,6 @@ impl Outcome {
 pub enum StaleReason {
     /// Its time-to-live ran out.
     Ttl,
-    /// Nothing was heard from the controller for too long.
-    Silent,
     /// It broke the protocol and was sent away.
     Disconnected,
     /// The controller said goodbye, or the server shut down.
@@ -80,13 +78,12 @@ pub enum StaleReason {
 
 impl StaleReason {
     /// Every reason, for tables of metrics.
-    pub const ALL: [Self; 4] = [Self::Ttl, Self::Silent, Self::Disconnected, Self::Released];
+    pub const ALL: [Self; 3] = [Self::Ttl, Self::Disconnected, Self::Released];
 
     /// The name used in metrics.
     pub fn name(self) -> &'static str {
         match self {
             Self::Ttl => "ttl",
-            Self::Silent => "silent",
             Self::Disconnected => "disconnected",
             Self::Released => "released",
         }

@@ -2,8 +2,8 @@
 //!
 //! A refused Hello closes its own connection and touches nothing else; a refused Command
 //! leaves everything as it was. Ending a session, for whatever reason, ends its lease in
-//! the same call, and the setpoint goes out once more, released: what it asked for fades
-//! by the tick's own ramp.
+//! the same call. Where it ends by Bye or for breaking the rules, the setpoint goes out once
+//! more, released: what it asked for fades by the tick's own ramp.
 
 use crate::proto::datagram::Body as DatagramBody;
 use crate::proto::{ByeReason, Command, Hello, Ping, Pong};
@@ -149,7 +149,7 @@ impl Sessions {
     /// Ends the lease if this session held it, and takes its force away by the ramp: it said
     /// Bye, or broke the rules.
     pub(super) fn end_lease(&mut self, id: SessionId, reason: StaleReason, now_ns: u64) {
-        if self.lease.holder() == Some(id) && self.setpoint.seq != 0 && !self.setpoint.released {
+        if self.lease.holder() == Some(id) && self.setpoint.is_fresh(now_ns) {
             self.setpoint.released = true;
             self.setpoint_due = true;
             self.counters.count_stale(reason);

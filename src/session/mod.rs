@@ -14,8 +14,9 @@
 //! - One controller at a time, under a lease whose epoch grows; observers never command.
 //! - A refused Hello, Command or datagram changes nothing but a counter, and costs the
 //!   server bounded memory whatever arrives.
-//! - A force that is to go is the tick's business: a session that ends hands over its last
-//!   setpoint, *released*; time-to-live does the rest.
+//! - A force that is to go is the tick's business: a controller that says Bye, or breaks the
+//!   rules, hands over its last setpoint, *released*; one that vanishes leaves it to its
+//!   time-to-live.
 //!
 //! The order of events is the order of calls, so a run in virtual time is deterministic.
 
@@ -238,7 +239,7 @@ impl Sessions {
         let expired = |(id, peer): (&SessionId, &Peer)| Some((*id, peer.expired(now_ns)?));
         let expired: Vec<_> = self.peers.iter().filter_map(expired).collect();
         for (id, (reason, detail)) in expired {
-            self.close(id, reason, detail, StaleReason::Silent, now_ns);
+            self.close(id, reason, detail, StaleReason::Ttl, now_ns);
         }
         for (id, peer) in &mut self.peers {
             if let Some(ping) = peer.open.as_mut().and_then(|open| open.pinger.due(now_ns)) {

@@ -267,7 +267,7 @@ fn a_server_with_another_certificate_is_not_talked_to() {
         wrong.sha256.as_mut().unwrap()[31] ^= 1;
         let options = Options::new("careful", Role::Observer);
         let refused = Client::connect(&wrong, options.clone()).await;
-        assert!(matches!(refused, Err(ClientError::Connect { .. })), "{refused:?}");
+        assert!(matches!(refused, Err(ClientError::WrongServer { .. })), "{refused:?}");
         let elsewhere = ConnectString { host: "192.0.2.1".into(), sha256: None, ..wrong };
         let refused = Client::connect(&elsewhere, options.clone()).await;
         assert!(matches!(refused, Err(ClientError::HashNeeded { .. })), "{refused:?}");

@@ -118,6 +118,9 @@ impl SlideProgram {
     }
 }
 
+/// Something in the way back is taken for the wall after this long, seconds.
+const PATIENCE_S: f64 = 1.0;
+
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Phase {
     Return { from_m: Vector2<f64>, elapsed_s: f64 },
@@ -174,7 +177,8 @@ impl Slide {
             Phase::Return { elapsed_s, .. } => {
                 let away_m = (handle.p_m - Vector2::from(program.start_m)).norm();
                 let at_rest = handle.v_m_per_s.norm() < BACK_M_PER_S;
-                if elapsed_s >= program.return_s && away_m < BACK_M && at_rest {
+                let blocked = elapsed_s >= program.return_s + PATIENCE_S;
+                if elapsed_s >= program.return_s && at_rest && (away_m < BACK_M || blocked) {
                     return approach(handle.p_m);
                 }
             }
@@ -441,6 +445,16 @@ mod tests {
             was_beyond = beyond;
         }
         assert!(turns >= 2, "{turns}");
+    }
+
+    #[test]
+    fn held_on_its_way_back_it_takes_what_holds_it_for_the_wall() {
+        let p_m = Vector2::new(0.26, 0.2);
+        let mut slide = Slide::new(SlideProgram::default(), p_m);
+        let held = Handle { p_m, v_m_per_s: Vector2::zeros(), dt_s: DT_S };
+        let first = (0..10_000).find(|_| slide.act(&held).1 != 0);
+        let first_s = first.expect("it slides in the end") as f64 * DT_S;
+        assert!((3.0..8.0).contains(&first_s), "after {first_s} s");
     }
 
     #[test]

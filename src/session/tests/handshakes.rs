@@ -96,7 +96,10 @@ fn a_controller_that_never_commanded_leaves_nothing_to_release() {
     let id = join(&mut sessions, "idle", Role::Controller, 0);
     sessions.disconnect(id, 1);
     assert!(drain(&mut sessions).is_empty());
-    assert_eq!(StaleReason::ALL.map(|reason| sessions.counters().stale(reason)), [0; 4]);
+    assert_eq!(
+        StaleReason::ALL.map(|reason| sessions.counters().stale(reason)),
+        [0; StaleReason::ALL.len()]
+    );
 }
 
 #[test]
