@@ -43,7 +43,7 @@
 // names carry frames: `p_BH`, `F_BH_N`
 
 /// Tests prove that a tick does not allocate.
-#[cfg(test)]
+#[cfg(all(test, debug_assertions))]
 #[global_allocator]
 static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
 
