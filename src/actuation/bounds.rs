@@ -108,27 +108,33 @@ impl Capability {
     /// the support function `h(n) = sum |r_i . n| tau_i`. Normals that are no facet's bound
     /// it too, and catch the flat ones.
     pub fn range_N(&self, direction: &PlaneVector) -> f64 {
-        let across =
-            |v: PlaneVector| if self.freedoms > 2 { v } else { PlaneVector::new(v.x, v.y, 0.0) };
-        let to_force = |v: PlaneVector| PlaneVector::new(v.x, v.y, v.z / self.moment_length_m);
-        let Some(along) = to_force(across(*direction)).try_normalize(1e-12) else { return 0.0 };
-        let ray = |i: usize| to_force(across(self.reference.column(i).into_owned()));
-        let most_Nm = |i: usize| self.bounds.upper_Nm[i].max(-self.bounds.lower_Nm[i]);
+        let in_force = |v: &PlaneVector| match self.freedoms {
+            2 => PlaneVector::new(v.x, v.y, 0.0),
+            _ => PlaneVector::new(v.x, v.y, v.z / self.moment_length_m),
+        };
+        let Some(along) = in_force(direction).try_normalize(1e-12) else { return 0.0 };
+        // Each ray as long as its actuator can make it.
+        let mut rays = [PlaneVector::zeros(); MAX_ACTUATORS];
+        let rays = &mut rays[..self.actuators.min(MAX_ACTUATORS)];
+        for (i, ray) in rays.iter_mut().enumerate() {
+            let most_Nm = self.bounds.upper_Nm[i].max(-self.bounds.lower_Nm[i]);
+            *ray = in_force(&self.reference.column(i).into_owned()) * most_Nm;
+        }
+        let rays = &*rays;
         let mut range_N = f64::INFINITY;
         let mut meet = |normal: PlaneVector| {
-            let support: f64 =
-                (0..self.actuators).map(|i| ray(i).dot(&normal).abs() * most_Nm(i)).sum();
             let slope = along.dot(&normal).abs();
             if slope > 1e-9 * normal.norm() {
+                let support: f64 = rays.iter().map(|ray| ray.dot(&normal).abs()).sum();
                 range_N = range_N.min(support / slope);
             }
         };
-        for i in 0..self.actuators {
-            meet(ray(i));
+        for (i, ray) in rays.iter().enumerate() {
+            meet(*ray);
             if self.freedoms == 2 {
-                meet(PlaneVector::new(-ray(i).y, ray(i).x, 0.0));
+                meet(PlaneVector::new(-ray.y, ray.x, 0.0));
             } else {
-                (0..i).for_each(|j| meet(ray(i).cross(&ray(j))));
+                rays[..i].iter().for_each(|other| meet(ray.cross(other)));
             }
         }
         if range_N.is_finite() { range_N } else { 0.0 }
