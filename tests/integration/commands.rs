@@ -186,7 +186,7 @@ fn a_demo_prints_one_object_with_every_figure() {
     between("command_lag_one_ratio", 0.0, 1.0);
     between("commands_lost", 0.0, ticks * 20.0);
     between("penetration_max_mm", f64::MIN_POSITIVE, 200.0);
-    between("force_error_mean_n", 0.0, 200.0);
+    between("force_error_mean_n", 0.0, 2000.0);
     between("approximation_angle_max_deg", 0.0, 125.0);
     between("stuck_ratio", 0.0, 1.0);
     between("wall_switches_per_s", 0.0, 1000.0);
