@@ -68,7 +68,7 @@ pub fn server_transport() -> Arc<TransportConfig> {
     transport(MAX_STATE_BYTES, MAX_COMMAND_BYTES)
 }
 
-/// A client's end. With detail a State may fill a packet, hence the larger bound.
+/// A client's end. It has room for datagrams as large as a Command, more than a State needs.
 pub fn client_transport() -> Arc<TransportConfig> {
     transport(MAX_COMMAND_BYTES, MAX_COMMAND_BYTES)
 }

@@ -105,8 +105,8 @@ impl Capability {
     ///
     /// The wrenches of all torques form a zonotope, and along a direction its surface is where
     /// the first of its facets is met: `min h(n) / |d . n|` over the facets' normals n, with
-    /// the support function `h(n) = sum |r_i . n| tau_i`. Normals that are no facet's bound
-    /// it too, and catch the flat ones.
+    /// the support function `h(n) = sum |r_i . n| tau_i`. Where `d` lies in a flat zonotope, no
+    /// facet bounds it, and the rays themselves do.
     pub fn range_N(&self, direction: &PlaneVector) -> f64 {
         let in_force = |v: &PlaneVector| match self.freedoms {
             2 => PlaneVector::new(v.x, v.y, 0.0),
@@ -121,21 +121,24 @@ impl Capability {
             *ray = in_force(&self.reference.column(i).into_owned()) * most_Nm;
         }
         let rays = &*rays;
-        let mut range_N = f64::INFINITY;
-        let mut meet = |normal: PlaneVector| {
+        let facet_N = |normal: PlaneVector| {
             let slope = along.dot(&normal).abs();
-            if slope > 1e-9 * normal.norm() {
-                let support: f64 = rays.iter().map(|ray| ray.dot(&normal).abs()).sum();
-                range_N = range_N.min(support / slope);
+            if slope <= 1e-9 * normal.norm() {
+                return f64::INFINITY;
             }
+            rays.iter().map(|ray| ray.dot(&normal).abs()).sum::<f64>() / slope
         };
+        let mut range_N = f64::INFINITY;
         for (i, ray) in rays.iter().enumerate() {
-            meet(*ray);
             if self.freedoms == 2 {
-                meet(PlaneVector::new(-ray.y, ray.x, 0.0));
+                range_N = range_N.min(facet_N(PlaneVector::new(-ray.y, ray.x, 0.0)));
             } else {
-                rays[..i].iter().for_each(|other| meet(ray.cross(other)));
+                let normals = rays[..i].iter().map(|other| ray.cross(other));
+                range_N = normals.map(facet_N).fold(range_N, f64::min);
             }
+        }
+        if range_N.is_infinite() {
+            range_N = rays.iter().copied().map(facet_N).fold(range_N, f64::min);
         }
         if range_N.is_finite() { range_N } else { 0.0 }
     }

@@ -1,6 +1,6 @@
 //! Cho 2005's allocation: the exact pair of reference forces, else the nearest one alone.
 //!
-//! Two freedoms, as published. Between two available rays the pair next to the desired force
+//! Two freedoms, as published (section 3.1). Between two available rays the pair next to the desired force
 //! gives it exactly; beside them the nearest ray gives its projection, which is nothing when
 //! gamma exceeds 90 degrees. A pair that is nearly collinear is never inverted: such a force
 //! is given by its nearest ray.
@@ -72,8 +72,7 @@ mod tests {
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    /// MATHEMATICS, "Allocation": without torque limits and for F.v <= 0 the rule equals the
-    /// optimum.
+    /// Derived here: without torque limits and for F.v <= 0 the rule equals the optimum.
     #[test]
     fn without_limits_the_rule_is_the_optimum() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);

@@ -1,7 +1,8 @@
 //! The wall law that looks one tick ahead: lock the brake whose path leads out of the wall.
 //!
-//! From MATHEMATICS, "Coercive rule": `s = v + dt M^-1 F_hand` is where the handle is about
-//! to go. With brake i locked what is left of it is
+//! Derived here; it does by prediction what the coercive rule of Cho 2005, section 7, does by
+//! angles. `s = v + dt M^-1 F_hand` is where the handle is about to go. With brake i locked
+//! what is left of it is
 //! `s_i = s - M^-1 r_i (r_i . s) / (r_i^T M^-1 r_i)`, for two freedoms the same as
 //! `t (t^T M s) / (t^T M t)` with t across r_i. Brake i will do if s_i leads into no wall and
 //! its reaction pushes out of the wall that is pressed; the one whose reaction is nearest to

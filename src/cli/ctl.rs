@@ -36,8 +36,14 @@ pub struct Ctl {
 #[derive(Debug, Subcommand)]
 enum Action {
     /// What the device is
+    #[command(after_help = "Examples:
+  hapticd ctl describe
+  hapticd ctl describe --json")]
     Describe,
     /// What it senses and does
+    #[command(after_help = "Examples:
+  hapticd ctl state
+  hapticd ctl state --watch --interval 50")]
     State {
         /// Again and again, until Ctrl-C
         #[arg(long)]
@@ -47,12 +53,20 @@ enum Action {
         interval: u32,
     },
     /// Begin to render forces
+    #[command(after_help = "Example:
+  hapticd ctl enable")]
     Enable,
     /// Release everything
+    #[command(after_help = "Example:
+  hapticd ctl disable")]
     Disable,
     /// Stop now; leave with `disable`
+    #[command(after_help = "Example:
+  hapticd ctl stop")]
     Stop,
     /// Leave a fault, once its cause is gone
+    #[command(after_help = "Example:
+  hapticd ctl clear-fault")]
     ClearFault,
     Wall(wall::WallCommand),
 }

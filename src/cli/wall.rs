@@ -31,7 +31,9 @@ pub struct WallCommand {
 
 #[derive(Debug, Subcommand)]
 enum Action {
-    /// Add a wall
+    /// Add a wall; it needs --point and --normal
+    #[command(after_help = "Example:
+  hapticd ctl wall add table --point 0,0.4,0 --normal=0,-1,0 --stiffness 5000")]
     Add {
         /// a-z, 0-9 and "-", beginning with a letter
         name: String,
@@ -39,6 +41,9 @@ enum Action {
         fields: Fields,
     },
     /// Change what is given, keep the rest
+    #[command(after_help = "Examples:
+  hapticd ctl wall set table --stiffness 20000
+  hapticd ctl wall set table --point 0,0.35,0")]
     Set {
         /// Which wall
         name: String,
@@ -46,13 +51,19 @@ enum Action {
         fields: Fields,
     },
     /// Show one wall
+    #[command(after_help = "Example:
+  hapticd ctl wall get table")]
     Get {
         /// Which wall
         name: String,
     },
     /// Show all objects of the scene
+    #[command(after_help = "Example:
+  hapticd ctl wall list")]
     List,
     /// Remove a wall
+    #[command(after_help = "Example:
+  hapticd ctl wall rm table")]
     Rm {
         /// Which wall
         name: String,
@@ -61,10 +72,10 @@ enum Action {
 
 #[derive(Debug, Args)]
 struct Fields {
-    /// Any point of its surface, metres in W
+    /// Any point of its surface, metres in W; a new wall needs it
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     point: Option<Vector3>,
-    /// Direction out of the wall
+    /// Direction out of the wall; a new wall needs it
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     normal: Option<Vector3>,
     /// N/m (1000 if a new wall does not say)

@@ -17,8 +17,9 @@ use crate::actuation::ShaftMotion;
 use crate::mechanism::{KinematicsError, Posture};
 use crate::notation::{ActuatorVector, MAX_ACTUATORS, PlaneVector, ReferenceMatrix};
 
-/// Longest velocity window, ticks. 16 ms at 1 kHz: half of the shortest time constant of a
-/// hand's voluntary motion (about 5 Hz), and two counts in it are 12 mrad/s at 65,536 counts.
+/// Samples of the longest velocity window, which spans 15 ticks. 15 ms at 1 kHz: half of the
+/// shortest time constant of a hand's voluntary motion (about 5 Hz), and two counts in it are
+/// 13 mrad/s at 65,536 counts.
 const WINDOW: usize = 16;
 
 /// Counts that a window must move one way before its sign is trusted: one is quantisation.

@@ -93,7 +93,7 @@ pub enum Fault {
     Singular,
     /// Redundant encoders contradict each other.
     Closure,
-    /// Too many ticks in a row began late.
+    /// Too many ticks in a row were not done when the next was due.
     Overrun,
 }
 

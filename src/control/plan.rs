@@ -57,7 +57,7 @@ pub struct Guards {
     pub closure_limit_rad: f64,
     /// What each brake holds while stopped.
     pub stop_capacity_Nm: f64,
-    /// Late ticks in a row that latch a fault.
+    /// Ticks in a row, not done when the next was due, that latch a fault.
     pub max_overruns: u32,
     /// Device errors in a row that latch a fault.
     pub max_device_errors: u32,

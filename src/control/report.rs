@@ -172,6 +172,8 @@ pub struct Record {
     pub device_io_ns: u64,
     /// The tick was not done when the next was due.
     pub overrun: bool,
+    /// Reports so far that found no room on their way to the stream.
+    pub reports_dropped: u64,
     /// The device failed in this tick.
     pub device_error: Option<DeviceError>,
 }

@@ -11,8 +11,8 @@
 //! coast   p <- p + dt v, and v along the geodesic of M(p)         no force, no change of energy
 //! ```
 //!
-//! Stick and slip are one *implicit* problem (MATHEMATICS section 1): of all torques within
-//! the capacities those that leave the most passive next velocity, that is the least
+//! Stick and slip (Cho 2005, Eq 1) are one *implicit* problem, derived here: of all torques
+//! within the capacities those that leave the most passive next velocity, that is the least
 //! `|L^T v|^2 / 2` with `M = L L^T`, which is kinetic energy. Explicit stick-slip chatters
 //! against stiff walls. No torque is among the choices and the set is convex, so what is held
 //! never adds energy: `v_next . R tau_held <= 0`, whatever is commanded. Residual drag is a

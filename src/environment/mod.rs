@@ -12,8 +12,10 @@
 
 mod desired;
 mod element;
+mod force_field;
 mod surface;
 
 pub use desired::{Constraint, Contact, Desired, MAX_CONSTRAINTS, MAX_CONTACTS, Source, Tool};
 pub use element::{Element, MAX_OBJECTS, SceneItem};
+pub use force_field::ForceField;
 pub use surface::{Material, Shape, Surface, SurfaceState, Touch};

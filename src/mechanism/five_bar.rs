@@ -14,7 +14,7 @@
 //! theta4 and of phi4 - phi3 (the angle at D) all have [`super::LEAST_MARGIN`]; det J is
 //! l1 l5 l2 sin theta3 sin theta4 / (s l3 sin(phi4 - phi3)). Stops, collisions of
 //! links and slack tendons are not modelled.
-//! Source: Cho 2005, Eq 10-16; MATHEMATICS section 1; rates derived here.
+//! Source: Cho 2005, Eq 10-16; closing of the loop and rates derived here.
 
 use nalgebra::{Matrix2, Matrix4x2, RowVector2, Vector2, Vector4};
 use std::f64::consts::PI;

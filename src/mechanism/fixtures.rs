@@ -5,8 +5,8 @@ use rand::Rng;
 use super::{FiveBar, FiveBarParameters, Inertia, Mechanism};
 use crate::notation::PlaneVector;
 
-/// Cho 2005 optimised and unoptimised (Table I), and the crossed-tendon design of
-/// MATHEMATICS section 1.
+/// Cho 2005 optimised and unoptimised (Table I), and a design with crossed tendons
+/// (`devices/cho-2005-crossed.toml`).
 pub(crate) const CHO: [FiveBarParameters; 3] = [
     cho([0.300, 0.200, 0.124, 0.291, 0.300], [0.781, 0.100], 1),
     cho([0.3; 5], [0.1, 0.1], 1),

@@ -3,8 +3,7 @@
 //!
 //! Angles in radians, counter-clockwise from x of B; lengths in metres. A *direction* is a
 //! unit vector `u(a) = (cos a, sin a)`. Nothing here panics or returns NaN in an `Ok`.
-//! This file knows no linkage as a whole. Source: MATHEMATICS section 1; the closed form of
-//! [`arm_rates`] is derived here.
+//! This file knows no linkage as a whole. Derived here, as is the closed form of [`arm_rates`].
 
 use nalgebra::{Matrix2, SVector, Vector2};
 use std::f64::consts::{PI, TAU};

@@ -4,7 +4,7 @@
 //! from ray 1+ the angles between neighbours are the betas of Cho 2005: small ones mean that
 //! any force lies near a ray. P_a = sum beta^2, P_f = max beta, over all 2n (Cho's eight).
 //! Rays in line give beta = 0. Magnitudes play no part, nor does the third freedom.
-//! Source: Cho 2005, Eq 16-19; MATHEMATICS section 1 (regions).
+//! Source: Cho 2005, Eq 4 and 16 (rays), 6 (P_a), 8 (P_f).
 
 use std::{cmp::Ordering, f64::consts::PI, fmt};
 

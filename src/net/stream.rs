@@ -26,7 +26,7 @@ use crate::control::{Report, Setpoint};
 use crate::link::StreamEnd;
 use crate::proto::StreamMessage;
 use crate::quic;
-use crate::session::{Output, Role, SessionConfig, SessionId, Sessions, Transport};
+use crate::session::{Outcome, Output, Role, SessionConfig, SessionId, Sessions, Transport};
 use crate::telemetry::{RoundTrips, StreamMetrics};
 use crate::wire::{FrameDecoder, encode_frame};
 
@@ -135,6 +135,15 @@ fn server_config(identity: &Identity) -> Result<ServerConfig, StreamError> {
 struct Peer {
     connection: Connection,
     messages: mpsc::Sender<Vec<u8>>,
+}
+
+impl Peer {
+    /// Never waits. False where a datagram is lost: this one with its connection, or for want
+    /// of room the oldest that waits, which was counted as sent in its turn.
+    fn send(&self, bytes: Vec<u8>) -> bool {
+        let room = self.connection.datagram_send_buffer_space() >= bytes.len();
+        self.connection.send_datagram(bytes.into()).is_ok() && room
+    }
 }
 
 /// What the tasks share, one at a time.
@@ -309,9 +318,7 @@ async fn hear_doorbell(hub: Shared, doorbell: OwnedFd) {
         let _ = rustix::io::read(doorbell.get_ref(), &mut count);
         ready.clear_ready();
         let mut hub = hub.borrow_mut();
-        while let Ok(report) = hub.link.reports.pop() {
-            hub.sessions.on_report(&report, now_ns());
-        }
+        hub.hear_reports();
         hub.act();
     }
 }
@@ -349,16 +356,27 @@ async fn tell_refusals(hub: Shared) {
 }
 
 impl Hub {
+    /// Of several reports that waited only the newest becomes State.
+    fn hear_reports(&mut self) {
+        let mut newest = self.link.reports.pop().ok();
+        while let Some(report) = newest {
+            newest = self.link.reports.pop().ok();
+            match newest {
+                Some(_) => self.sessions.on_late_report(&report),
+                None => self.sessions.on_report(&report, now_ns()),
+            }
+        }
+    }
+
     /// Does what the sessions want done.
     fn act(&mut self) {
         while let Some(output) = self.sessions.poll_output() {
             match output {
                 Output::Setpoint(setpoint) => self.link.setpoint.write(*setpoint),
-                Output::Datagram { to, bytes } => {
-                    if let Some(peer) = self.peers.get(&to) {
-                        // Never waits; drops the oldest. A closing connection loses it.
-                        let _ = peer.connection.send_datagram(bytes.into());
-                    }
+                Output::Datagram { to, transport, bytes } => {
+                    let sent = self.peers.get(&to).is_some_and(|peer| peer.send(bytes));
+                    let outcome = if sent { Outcome::Sent } else { Outcome::Dropped };
+                    self.sessions.on_sent(transport, outcome);
                 }
                 Output::Message { to, message } => self.say(to, &message),
                 Output::Close { to, reason, detail } => {

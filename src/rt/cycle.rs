@@ -67,6 +67,7 @@ impl<D: Device> Cycle<D> {
                 device_io_ns: (sensed_ns.saturating_sub(now_ns))
                     + (done_ns.saturating_sub(decided_ns)),
                 overrun,
+                reports_dropped: self.link.dropped(),
                 device_error,
             };
             self.link.publish(decision.report, record);

@@ -106,8 +106,9 @@ fn command(now_ns: u64, seq: u64, ttl_ms: u64) -> Setpoint {
     setpoint
 }
 
-/// The experiment's figures against two-sided bars: MATHEMATICS has .26 s of 5 s stuck,
-/// .1 to .6 mm and 57.1 deg for this law; "too good" would be as suspicious.
+/// The experiment's figures against two-sided bars. A separate simulation of it, not kept here,
+/// had .26 s of 5 s stuck, .1 to .6 mm and 57.1 deg for this law, and Cho 2005, section 8.2,
+/// reports 65.8 deg; "too good" would be as suspicious.
 #[test]
 fn the_experiment_slides_along_the_wall_without_entering_it() {
     let mut world = world("press-and-slide", &[Element::Surface(wall())]);

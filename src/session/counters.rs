@@ -21,9 +21,9 @@ pub enum Outcome {
     Invalid,
     /// Before the handshake, of the wrong kind, or an answer to nothing.
     Unexpected,
-    /// Handed to the transport.
+    /// Taken by the transport.
     Sent,
-    /// Found no room on its way to the transport.
+    /// Found no room, here or in the transport, which lets the oldest go for a newer one.
     Dropped,
 }
 

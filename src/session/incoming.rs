@@ -91,7 +91,7 @@ impl Sessions {
             return Outcome::Unexpected;
         };
         let bytes = wire::encode(&DatagramBody::Pong(ping::answer(ping, now_ns)));
-        send(&mut self.outbox, &mut self.counters, id, peer.transport, bytes);
+        send(&mut self.outbox, &mut self.counters, (id, peer.transport), bytes);
         Outcome::Accepted
     }
 

@@ -178,6 +178,13 @@ impl Sessions {
         self.counters.count_datagram(transport, outcome);
     }
 
+    /// A tick was done, and its report came when there was a newer one already: its events to
+    /// everyone, but no State, which would be old.
+    pub fn on_late_report(&mut self, report: &Report) {
+        self.newest_tick = self.newest_tick.max(report.tick);
+        self.on_events(report);
+    }
+
     /// A tick was done: State to those whose turn it is, the controller first, and its
     /// events to everyone.
     pub fn on_report(&mut self, report: &Report, now_ns: u64) {
@@ -208,7 +215,8 @@ impl Sessions {
             }
             state::address(&mut self.state, open.liveness.state(now_ns), open.echo, now_ns);
             let bytes = wire::encode_state(&mut self.state, contacts.as_slice());
-            send(&mut self.outbox, &mut self.counters, *id, peer.transport, bytes);
+            let to = (*id, peer.transport);
+            send(&mut self.outbox, &mut self.counters, to, bytes);
         }
     }
 
@@ -244,9 +252,14 @@ impl Sessions {
         for (id, peer) in &mut self.peers {
             if let Some(ping) = peer.open.as_mut().and_then(|open| open.pinger.due(now_ns)) {
                 let bytes = wire::encode(&DatagramBody::Ping(ping));
-                send(&mut self.outbox, &mut self.counters, *id, peer.transport, bytes);
+                send(&mut self.outbox, &mut self.counters, (*id, peer.transport), bytes);
             }
         }
+    }
+
+    /// What became of a datagram of [`Output::Datagram`].
+    pub fn on_sent(&mut self, transport: Transport, outcome: Outcome) {
+        self.counters.count_datagram(transport, outcome);
     }
 
     /// The next thing to do: a new setpoint before all else.
@@ -268,15 +281,14 @@ impl Sessions {
     }
 }
 
-/// Hands a datagram over, and counts it.
+/// Hands a datagram over, or counts it as dropped.
 fn send(
     outbox: &mut Outbox,
     counters: &mut Counters,
-    to: SessionId,
-    transport: Transport,
+    (to, transport): (SessionId, Transport),
     bytes: Vec<u8>,
 ) {
-    let found_room = outbox.may(Output::Datagram { to, bytes });
-    let outcome = if found_room { Outcome::Sent } else { Outcome::Dropped };
-    counters.count_datagram(transport, outcome);
+    if !outbox.may(Output::Datagram { to, transport, bytes }) {
+        counters.count_datagram(transport, Outcome::Dropped);
+    }
 }

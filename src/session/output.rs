@@ -14,7 +14,7 @@ use crate::proto::{ByeReason, StreamMessage};
 #[derive(Clone, Debug, PartialEq)]
 pub enum Output {
     /// Send a datagram; a late one is worse than a lost one.
-    Datagram { to: SessionId, bytes: Vec<u8> },
+    Datagram { to: SessionId, transport: Transport, bytes: Vec<u8> },
     /// Send on the reliable stream.
     Message { to: SessionId, message: StreamMessage },
     /// Flush the reliable stream and close the connection. The session is forgotten already.

@@ -20,6 +20,7 @@ pub struct DeviceMetrics {
     device_io: Histogram,
     ticks: Counter,
     overruns: Counter,
+    reports_dropped: (Counter, u64),
     realtime: Vec<Gauge>,
     device_errors: Vec<Counter>,
     mode: Vec<Gauge>,
@@ -48,6 +49,7 @@ impl DeviceMetrics {
             device_io: histogram(&table::DEVICE_IO),
             ticks: counter(&table::LOOP_TICKS),
             overruns: counter(&table::LOOP_OVERRUNS),
+            reports_dropped: (counter(&table::REPORTS_DROPPED), 0),
             realtime: gauges(&table::REALTIME_GRANTED),
             device_errors: counters(&table::DEVICE_ERRORS),
             mode: gauges(&table::MODE),
@@ -78,6 +80,7 @@ impl DeviceMetrics {
         self.execution.record(seconds(record.execution_ns));
         self.device_io.record(seconds(record.device_io_ns));
         self.overruns.increment(record.overrun.into());
+        count_up(&mut self.reports_dropped, record.reports_dropped);
         if let Some(error) = record.device_error {
             self.device_errors[error as usize].increment(1);
         }
@@ -221,6 +224,7 @@ mod tests {
             execution_ns: 2_500,
             device_io_ns: 15_000,
             overrun: true,
+            reports_dropped: 2,
             device_error: Some(DeviceError::Disconnected),
         }
     }
@@ -236,6 +240,7 @@ mod tests {
         let mut expected = vec![
             "hapticd_loop_ticks_total{device=\"d\"} 1".to_owned(),
             "hapticd_loop_overruns_total{device=\"d\"} 1".to_owned(),
+            "hapticd_loop_reports_dropped_total{device=\"d\"} 2".to_owned(),
             "hapticd_stuck_ticks_total{device=\"d\"} 1".to_owned(),
             "hapticd_device_errors_total{device=\"d\",kind=\"disconnected\"} 1".to_owned(),
             "hapticd_render_region_ticks_total{device=\"d\",region=\"approximate\"} 1".to_owned(),

@@ -162,6 +162,8 @@ rows! {
         "Ticks run; those that the histograms lack found no room on their way here.";
     LOOP_OVERRUNS: Device Counter, "loop_overruns_total" [],
         "Ticks that were not done when the next one was due.";
+    REPORTS_DROPPED: Device Counter, "loop_reports_dropped_total" [],
+        "Ticks that the stream never heard of: it was held up for longer than the ring holds.";
     REALTIME_GRANTED: Device Gauge, "realtime_granted"
         ["what": || each(Right::ALL.map(Right::name))],
         "1 where the system granted a real-time right that the loop asked for.";

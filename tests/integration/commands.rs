@@ -41,25 +41,50 @@ fn number(value: &Value, key: &str) -> f64 {
     value[key].as_f64().unwrap_or_else(|| panic!("{key} in {value}"))
 }
 
+/// The commands that a help lists; none where it is that of a command without further ones.
+fn commands_of(help: &str) -> Vec<String> {
+    let Some((_, rest)) = help.split_once("Commands:") else { return Vec::new() };
+    let commands = rest.split_once("Options:").unwrap().0;
+    let lines = commands.lines().filter_map(|line| line.strip_prefix("  "));
+    let names = lines.filter(|line| !line.starts_with(' '));
+    let names = names.map(|line| line.split(' ').next().unwrap().to_owned());
+    names.filter(|name| name != "help").collect()
+}
+
 #[test]
 fn every_commands_help_shows_an_example() {
     let help = run(&["--help"]).ok().stdout;
-    let commands = help.split_once("Commands:").unwrap().1.split_once("Options:").unwrap().0;
-    let lines = commands.lines().filter_map(|line| line.strip_prefix("  "));
-    let names: Vec<_> = lines
-        .filter(|line| !line.starts_with(' '))
-        .map(|line| line.split(' ').next().unwrap())
-        .collect();
-    for name in ["serve", "demo", "scene", "ctl", "ping", "config"] {
-        assert!(names.contains(&name), "{names:?}");
-    }
-    let nested = [["demo", "wall"], ["scene", "wall"], ["ctl", "wall"]];
-    let all = names.iter().filter(|name| **name != "help").map(std::slice::from_ref);
-    for command in all.chain(nested.iter().map(<[&str; 2]>::as_slice)) {
-        let help = run(&[command, &["--help"]].concat()).ok().stdout;
-        assert!(help.contains("Example") && help.contains("  hapticd "), "{command:?}: {help}");
-    }
     assert!(help.contains("hapticd demo wall"), "{help}");
+    let mut waiting: Vec<_> = commands_of(&help).into_iter().map(|name| vec![name]).collect();
+    let mut seen = Vec::new();
+    while let Some(command) = waiting.pop() {
+        let words: Vec<_> = command.iter().map(String::as_str).chain(["--help"]).collect();
+        let help = run(&words).ok().stdout;
+        let name = command.join(" ");
+        let example = help.split_once("Example").map_or("", |(_, examples)| examples);
+        assert!(example.contains(&format!("  hapticd {name}")), "{name}: {help}");
+        waiting.extend(commands_of(&help).into_iter().map(|next| {
+            let mut deeper = command.clone();
+            deeper.push(next);
+            deeper
+        }));
+        seen.push(name);
+    }
+    for name in ["serve", "demo wall", "scene wall", "ctl clear-fault", "ctl wall add", "ping"] {
+        assert!(seen.iter().any(|seen| seen == name), "{name} is not among {seen:?}");
+    }
+}
+
+#[test]
+fn a_new_wall_without_point_or_normal_is_refused_by_the_field_that_is_missing() {
+    let help = run(&["ctl", "wall", "add", "--help"]).ok().stdout;
+    assert!(help.contains("it needs --point and --normal"), "{help}");
+    let rig = Rig::start();
+    let target = rig.target().to_string();
+    let add = ["ctl", "--connect", &target, "wall", "add", "table"];
+    let refused = |more: &[&str], field| run(&[&add, more].concat()).refused(&[field]);
+    refused(&["--normal=0,-1,0"], "half_space.point_m");
+    refused(&["--point", "0,0.4,0"], "half_space.normal");
 }
 
 #[test]

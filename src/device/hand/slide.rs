@@ -16,7 +16,8 @@
 //! Positions in B. The hand does not know the wall: it finds it by pressing. Along y it pulls
 //! through a spring on a target that moves at the sliding speed, which is how a force builds
 //! up against a handle that sticks; the target is never further ahead than the strongest pull
-//! needs. Source of the figures: MATHEMATICS section 1, wall following, simulated.
+//! needs. Wall and direction are those of Cho 2005, section 8; press, speed and grip are chosen
+//! here, because the paper does not say what its hand did.
 
 use nalgebra::Vector2;
 
@@ -78,7 +79,7 @@ impl Default for SlideProgram {
             approach_m_per_s: 0.025,
             slide_m_per_s: 0.1,
             // Under a perfect law this hand is stuck for 0.26 s and pulls with 6.5 N in the
-            // mean, as in the study: a softer one lags, a stiffer one overshoots.
+            // mean (derived below, in the tests): a softer one lags, a stiffer one overshoots.
             slide_grip: Grip { stiffness_N_per_m: 300.0, damping_N_s_per_m: 50.0, max_N: 60.0 },
             give_up_s: 10.0,
             search_m: 0.1,
@@ -343,8 +344,9 @@ mod tests {
         assert!((7.5..10.0).contains(&period_s), "{period_s}");
     }
 
-    /// The study's perfect law: the wall is held exactly, at the least drag that brakes can
-    /// hold it with, `D = N min { q_i > 0 }, q_i = -(r_i . sigma t) / (r_i . n)`.
+    /// A perfect law, derived here: the wall is held exactly, at the least drag that brakes can
+    /// hold it with, `D = N min { q_i > 0 }, q_i = -(r_i . sigma t) / (r_i . n)`. The figures are
+    /// those of a separate study of the experiment, a simulation of its own that is not kept here.
     #[test]
     fn under_a_perfect_law_its_figures_are_those_of_the_study() {
         let device = FiveBar::new(fixtures::CHO[0], Inertia::default()).expect("valid");

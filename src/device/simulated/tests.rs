@@ -204,7 +204,8 @@ fn slide_under_predicted_velocity(lag_s: f64) -> [f64; 4] {
     [stuck_s, 1e3 * deepest_m, mean_N, most_N]
 }
 
-/// The study has 0.26 s, 0.11 mm, 6.6 N and 17.3 N.
+/// A separate study of the experiment, a simulation of its own that is not kept here, has
+/// 0.26 s, 0.11 mm, 6.6 N and 17.3 N.
 #[test]
 fn without_lag_predicted_velocity_follows_the_wall_as_in_the_study() {
     let [stuck_s, deepest_mm, mean_N, most_N] = slide_under_predicted_velocity(0.0);

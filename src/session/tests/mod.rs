@@ -142,7 +142,7 @@ pub fn states(outputs: &[Output]) -> Vec<(SessionId, State)> {
     outputs
         .iter()
         .filter_map(|output| match output {
-            Output::Datagram { to, bytes } => match wire::decode(bytes) {
+            Output::Datagram { to, bytes, .. } => match wire::decode(bytes) {
                 Ok(DatagramBody::State(state)) => Some((*to, state)),
                 _ => None,
             },

@@ -160,7 +160,7 @@ impl World {
     fn act(&mut self) {
         while let Some(output) = self.sessions.poll_output() {
             match output {
-                Output::Datagram { to, bytes } => self.send(to, Packet::Datagram(bytes)),
+                Output::Datagram { to, bytes, .. } => self.send(to, Packet::Datagram(bytes)),
                 Output::Message { to, message } => self.send(to, Packet::Message(message)),
                 Output::Close { to, .. } => self.closed.push((to, self.now_ns)),
                 Output::Setpoint(setpoint) => self.setpoints.push(*setpoint),

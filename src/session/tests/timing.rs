@@ -7,7 +7,7 @@ fn pings(outputs: &[Output]) -> Vec<(SessionId, Ping)> {
     outputs
         .iter()
         .filter_map(|output| match output {
-            Output::Datagram { to, bytes } => match wire::decode(bytes) {
+            Output::Datagram { to, bytes, .. } => match wire::decode(bytes) {
                 Ok(DatagramBody::Ping(ping)) => Some((*to, ping)),
                 _ => None,
             },
@@ -31,7 +31,7 @@ fn a_ping_is_answered_at_once_with_the_device_clock() {
     let id = join(&mut sessions, "first", Role::Observer, 0);
     let ping = Ping { seq: 3, sent_ns: 42 };
     sessions.on_datagram(id, &wire::encode(&DatagramBody::Ping(ping)), 9 * MS);
-    let Some(Output::Datagram { to, bytes }) = sessions.poll_output() else { panic!("a Pong") };
+    let Some(Output::Datagram { to, bytes, .. }) = sessions.poll_output() else { panic!("a Pong") };
     let expected = Pong { seq: 3, sent_ns: 42, received_ns: 9 * MS, returned_ns: 9 * MS };
     assert_eq!((to, wire::decode(&bytes)), (id, Ok(DatagramBody::Pong(expected))));
 }
@@ -143,4 +143,22 @@ fn a_client_that_announced_1_khz_is_late_where_a_72_hz_frame_is_missing() {
     let states = states_at_72_hz(1_000);
     let late = states.iter().filter(|state| **state == SessionState::Monitoring);
     assert!((60..=80).contains(&late.count()), "one in nine or ten");
+}
+
+#[test]
+fn of_reports_that_waited_only_the_newest_becomes_state_and_no_event_is_lost() {
+    let mut sessions = sessions();
+    join(&mut sessions, "first", Role::Observer, 0);
+    let mut pressed = report(5);
+    (pressed.events[0], pressed.last_event) = (Some(crate::control::Event::Button(1)), 1);
+    sessions.on_late_report(&pressed);
+    sessions.on_report(&report(6), 6 * MS);
+    let outputs = drain(&mut sessions);
+    let ticks: Vec<_> = states(&outputs).iter().map(|(_, state)| state.seq).collect();
+    assert_eq!(ticks, [6]);
+    let told = |output: &Output| match output {
+        Output::Message { message, .. } => matches!(message.body, Some(Body::Event(_))),
+        _ => false,
+    };
+    assert_eq!(outputs.iter().filter(|output| told(output)).count(), 1);
 }
