@@ -118,7 +118,9 @@ pub const SLEW: Range = Range::new(1.0, 1e9, "N/s");
 pub const RAMP: Range = Range::new(0.0, 10_000.0, "ms");
 /// Disagreement of redundant encoders.
 pub const CLOSURE: Range = Range::new(1e-4, std::f64::consts::PI, "rad");
-/// Bad ticks in a row.
+/// Ticks in a row without a sample, while the brakes hold what they held.
+pub const BLIND_TICKS: Range = Range::new(1.0, 100.0, "ticks");
+/// Late ticks in a row.
 pub const IN_A_ROW: Range = Range::new(1.0, 1_000_000.0, "ticks");
 
 /// A port; 0 is any free one.

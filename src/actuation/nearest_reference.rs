@@ -1,9 +1,9 @@
 //! Cho 2005's allocation: the exact pair of reference forces, else the nearest one alone.
 //!
-//! Two freedoms, as published (section 3.1). Between two available rays the pair next to the desired force
-//! gives it exactly; beside them the nearest ray gives its projection, which is nothing when
-//! gamma exceeds 90 degrees. A pair that is nearly collinear is never inverted: such a force
-//! is given by its nearest ray.
+//! Two freedoms, as published (section 3.1). Between two available rays the pair next to the
+//! desired force gives it exactly; beside them the nearest ray gives its projection, which is
+//! nothing when gamma exceeds 90 degrees. A pair that is nearly collinear is never inverted:
+//! such a force is given by its nearest ray.
 
 use super::{Allocation, Bracket, Capability, Region, classify, optimal};
 use crate::notation::{ActuatorVector, PlaneVector};

@@ -267,8 +267,8 @@ impl ControlLayout {
     pub fn check(&self) -> Result<(u64, Strategy, Guards), FieldError> {
         let number =
             |name: &str, range: &Range, value| range.check(&format!("control.{name}"), value);
-        let count = |name: &str, value| {
-            let whole = units::IN_A_ROW.check_whole(&format!("control.{name}"), value)?;
+        let count = |name: &str, range: &Range, value| {
+            let whole = range.check_whole(&format!("control.{name}"), value)?;
             Ok(u32::try_from(whole).unwrap_or(u32::MAX))
         };
         let rate_hz = number("rate_hz", &units::RATE, self.rate_hz)?;
@@ -287,8 +287,12 @@ impl ControlLayout {
                 &units::HOLDING_TORQUE,
                 self.stop_capacity_Nm,
             )?,
-            max_overruns: count("max_overruns", self.max_overruns)?,
-            max_device_errors: count("max_device_errors", self.max_device_errors)?,
+            max_overruns: count("max_overruns", &units::IN_A_ROW, self.max_overruns)?,
+            max_device_errors: count(
+                "max_device_errors",
+                &units::BLIND_TICKS,
+                self.max_device_errors,
+            )?,
         };
         Ok(((1e9 / rate_hz).round() as u64, self.strategy()?, guards))
     }

@@ -47,6 +47,13 @@ pub struct Estimate {
     pub F_hand_BH_N: Option<PlaneVector>,
 }
 
+impl Estimate {
+    /// True while no shaft is known to turn.
+    pub fn is_at_rest(&self) -> bool {
+        self.motion.iter().all(|motion| *motion == ShaftMotion::Rest)
+    }
+}
+
 /// Remembers what the estimate needs of earlier ticks.
 #[derive(Clone, Debug, Default)]
 pub struct Estimator {
@@ -63,19 +70,22 @@ impl Estimator {
         if sample.F_hand_BH_N.is_some_and(|force| !force.iter().all(|part| part.is_finite())) {
             return Err(Fault::NotFinite);
         }
-        self.remember(sample, now_ns);
         let actuators = plan.mechanism.actuators();
         let rad_per_count = plan.actuators.counts_per_revolution.map(|n| std::f64::consts::TAU / n);
-        let mut shaft_rad = ActuatorVector::zeros();
+        let shaft_rad = ActuatorVector::from_fn(|i, _| match i < actuators {
+            true => sample.counts[i] as f64 * rad_per_count[i],
+            false => 0.0,
+        });
+        // What fits no posture is not remembered either: it would spoil the rates for a while.
+        let posture = plan.mechanism.posture_from_shafts(&shaft_rad).map_err(fault_of)?;
+        self.remember(sample, now_ns);
         let mut shaft_rad_per_s = ActuatorVector::zeros();
         let mut motion = [ShaftMotion::Rest; MAX_ACTUATORS];
         for i in 0..actuators {
-            shaft_rad[i] = sample.counts[i] as f64 * rad_per_count[i];
             let (counts_per_s, direction) = self.rate(i);
             shaft_rad_per_s[i] = counts_per_s * rad_per_count[i];
             motion[i] = direction;
         }
-        let posture = plan.mechanism.posture_from_shafts(&shaft_rad).map_err(fault_of)?;
         self.watch_closure(&posture, plan)?;
         let correction = handle_from_shafts(&posture.reference, plan, &posture.closure_rad);
         Ok(Estimate {
@@ -136,7 +146,7 @@ impl Estimator {
 
     fn watch_closure(&mut self, posture: &Posture, plan: &Plan) -> Result<(), Fault> {
         let apart = posture.closure_rad.amax() > plan.guards.closure_limit_rad;
-        self.closure_ticks = if apart { self.closure_ticks + 1 } else { 0 };
+        self.closure_ticks = if apart { self.closure_ticks.saturating_add(1) } else { 0 };
         if self.closure_ticks >= CLOSURE_TICKS { Err(Fault::Closure) } else { Ok(()) }
     }
 }

@@ -59,7 +59,7 @@ pub struct Guards {
     pub stop_capacity_Nm: f64,
     /// Ticks in a row, not done when the next was due, that latch a fault.
     pub max_overruns: u32,
-    /// Device errors in a row that latch a fault.
+    /// Ticks in a row without a sample that makes sense that latch a fault.
     pub max_device_errors: u32,
 }
 

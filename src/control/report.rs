@@ -123,9 +123,9 @@ pub struct Report {
     pub command_seq: u64,
     /// First tick on which `command_seq` is in force.
     pub command_new: bool,
-    /// Ticks from the State it was computed from to this one.
+    /// Ticks from the State it was computed from to this one; 0: it does not say which.
     pub command_lag_ticks: u64,
-    /// From the sensing it was computed from to now, nanoseconds.
+    /// From the sensing it was computed from to now, nanoseconds; 0: it does not say which.
     pub command_age_ns: u64,
     /// Revision of the resident scene.
     pub scene_revision: u64,
@@ -172,6 +172,8 @@ pub struct Record {
     pub device_io_ns: u64,
     /// The tick was not done when the next was due.
     pub overrun: bool,
+    /// Ticks before this one that were never run, because their time was over.
+    pub skipped_ticks: u64,
     /// Reports so far that found no room on their way to the stream.
     pub reports_dropped: u64,
     /// The device failed in this tick.

@@ -30,7 +30,8 @@ pub struct ControlState {
     pub(super) commands: ActuatorCommands,
     pub(super) last: Report,
     pub(super) touched: ([ContactResult; MAX_CONSTRAINTS], usize),
-    pub(super) device_errors: u32,
+    /// Ticks in a row without an estimate.
+    pub(super) blind_ticks: u32,
     pub(super) events: EventLog,
     times_ns: [u64; TIMES],
 }
@@ -55,7 +56,7 @@ impl ControlState {
             commands: RELEASED,
             last: Report::default(),
             touched: ([ContactResult::default(); MAX_CONSTRAINTS], 0),
-            device_errors: 0,
+            blind_ticks: 0,
             events: EventLog::default(),
             times_ns: [0; TIMES],
         }
@@ -76,7 +77,7 @@ impl ControlState {
         let mode = self.mode.after(command)?;
         if command == ModeCommand::ClearFault {
             self.fault = None;
-            self.device_errors = 0;
+            self.blind_ticks = 0;
             self.estimator.reset();
         }
         self.enter(mode);
@@ -108,6 +109,11 @@ impl ControlState {
     fn enter(&mut self, mode: Mode) {
         if self.mode != mode {
             self.mode = mode;
+            if mode == Mode::Enabled {
+                // Whatever the handle was moved into meanwhile must not seize it.
+                self.scene.fill(SurfaceState::default());
+                self.contacts = ContactStates::default();
+            }
             self.events.push(Event::Mode(mode));
         }
     }

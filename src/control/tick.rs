@@ -54,46 +54,67 @@ pub fn tick(state: &mut ControlState, input: &TickInput) -> Decision {
     decision
 }
 
-/// The estimate, unless the device gave none; latches the faults it reveals.
+/// The estimate, unless the device gave none that makes sense; latches the faults that this
+/// reveals once they last.
 fn sense(state: &mut ControlState, input: &TickInput) -> Option<Estimate> {
-    let sample = match input.sample {
-        Ok(sample) => sample,
-        Err(_) => {
-            state.device_errors += 1;
-            if state.device_errors >= input.plan.guards.max_device_errors {
-                state.latch(Fault::Device);
-            }
-            return None;
+    let estimate = input.sample.map_err(|_| Fault::Device).and_then(|sample| {
+        if sample.buttons != state.last.buttons {
+            state.events.push(Event::Button(sample.buttons));
         }
-    };
-    state.device_errors = 0;
-    if sample.buttons != state.last.buttons {
-        state.events.push(Event::Button(sample.buttons));
-    }
-    state.last.buttons = sample.buttons;
-    match state.estimator.update(&sample, input.plan, input.now_ns) {
-        Ok(estimate) => Some(estimate),
+        state.last.buttons = sample.buttons;
+        state.estimator.update(&sample, input.plan, input.now_ns)
+    });
+    match estimate {
+        Ok(estimate) => {
+            state.blind_ticks = 0;
+            Some(estimate)
+        }
         Err(fault) => {
-            state.latch(fault);
+            state.blind_ticks = state.blind_ticks.saturating_add(1);
+            // Disagreement of the encoders was watched for a while already.
+            if fault == Fault::Closure || state.blind_ticks >= input.plan.guards.max_device_errors {
+                state.latch(fault);
+            }
             None
         }
     }
 }
 
-/// Without an estimate the last commands stand for the few ticks until the fault latches:
-/// a brake that holds the hand must not open because of one lost sample.
+/// Without an estimate the brakes keep their capacities for the few ticks until the fault
+/// latches: one that holds the hand must not open because of one lost sample. Motors let go:
+/// a torque that nobody watches is no hold.
 fn blind(state: &mut ControlState, input: &TickInput) -> Decision {
-    let held = values_Nm(&state.commands);
-    let commands = guard::commands(state.mode, &held, input.plan, &mut Limits::default());
+    let plan = input.plan;
+    let mut held_Nm = values_Nm(&state.commands);
+    for (torque_Nm, kind) in held_Nm.iter_mut().zip(plan.actuators.kinds) {
+        *torque_Nm *= f64::from(u8::from(kind == ActuatorKind::Brake));
+    }
+    let commands = guard::commands(state.mode, &held_Nm, plan, &mut Limits::default());
+    let last = state.last;
     let mut report = Report {
         tick: state.tick,
         time_ns: input.now_ns,
         mode: state.mode,
         fault: state.fault,
-        command_new: false,
+        p_WT_m: last.p_WT_m,
+        q_WT: last.q_WT,
+        proxy_W_m: last.p_WT_m,
+        buttons: last.buttons,
+        scene_revision: plan.scene_revision,
+        shaft_rad: last.shaft_rad,
+        p_BH: last.p_BH,
         commanded_Nm: values_Nm(&commands),
-        ..state.last
+        ..Report::default()
     };
+    if state.mode != Mode::Fault {
+        // A lost sample does not end what was touched, or the command in force.
+        (report.contacts, report.contact_count) = (last.contacts, last.contact_count);
+        (report.command_seq, report.stuck) = (last.command_seq, last.stuck);
+    } else if std::mem::take(&mut state.was_stuck) {
+        state.stuck = Default::default();
+        state.events.push(Event::StuckEnd);
+    }
+    log_contacts(state, &report);
     (report.last_event, report.events) = state.events.take();
     Decision { commands, report }
 }
@@ -127,6 +148,8 @@ fn render(state: &mut ControlState, estimate: &Estimate, input: &TickInput) -> D
     report.commanded_Nm = values_Nm(&commands);
     if rendering {
         achieved(&mut report, &request, &outcome, plan);
+        // The direction of a velocity that is no more than a count's flicker says nothing.
+        report.region = outcome.region.filter(|_| report.law.is_some() && !estimate.is_at_rest());
     }
     felt(&mut report, estimate, &capability, plan);
     account_for_command(state, &mut report, input);
@@ -253,7 +276,6 @@ fn achieved(report: &mut Report, request: &Request, outcome: &Outcome, plan: &Pl
     report.achievable = wrench_W(&outcome.wrench, plan);
     if clipped.norm() > 0.0 {
         report.law = Some(outcome.law);
-        report.region = outcome.region;
         report.approximation_angle_rad = approximation_angle(&clipped, &outcome.wrench);
         report.force_error_N = Some((outcome.wrench - clipped).norm());
     }
@@ -298,8 +320,10 @@ fn account_for_command(state: &mut ControlState, report: &mut Report, input: &Ti
     report.command_seq = setpoint.seq;
     let command = (setpoint.epoch, setpoint.seq);
     report.command_new = command != std::mem::replace(&mut state.command, command);
-    report.command_lag_ticks = state.tick.saturating_sub(setpoint.state_tick);
-    report.command_age_ns = state.since_tick_ns(setpoint.state_tick, input.now_ns);
+    if setpoint.state_tick != 0 {
+        report.command_lag_ticks = state.tick.saturating_sub(setpoint.state_tick);
+        report.command_age_ns = state.since_tick_ns(setpoint.state_tick, input.now_ns);
+    }
 }
 
 fn log_contacts(state: &mut ControlState, report: &Report) {

@@ -16,7 +16,7 @@ use crate::link::RtEnd;
 /// A command carries a number, and its reply the same.
 pub type DeviceLink = RtEnd<Setpoint, Report, Record, (u64, ControlCommand), (u64, ControlReply)>;
 
-/// Commands carried out in one turn: bounded, and more than the ring holds is never there.
+/// Commands carried out in one turn: bounded; the rest waits for the next one.
 const COMMANDS_PER_TURN: usize = 2;
 
 /// A device with its law and its bridges.
@@ -26,12 +26,14 @@ pub struct Cycle<D: Device> {
     plan: Box<Plan>,
     link: DeviceLink,
     overruns_in_row: u32,
+    /// When the tick before was due.
+    last_due_ns: Option<u64>,
 }
 
 impl<D: Device> Cycle<D> {
     /// Takes everything that a turn needs.
     pub fn new(device: D, state: ControlState, plan: Box<Plan>, link: DeviceLink) -> Self {
-        Self { device, state, plan, link, overruns_in_row: 0 }
+        Self { device, state, plan, link, overruns_in_row: 0, last_due_ns: None }
     }
 
     /// Time between turns.
@@ -59,7 +61,7 @@ impl<D: Device> Cycle<D> {
             }
             let done_ns = clock();
             let overrun = done_ns >= due_ns + self.plan.tick_ns;
-            self.overruns_in_row = if overrun { self.overruns_in_row + 1 } else { 0 };
+            self.overruns_in_row = if overrun { self.overruns_in_row.saturating_add(1) } else { 0 };
             let record = Record {
                 report: decision.report,
                 wakeup_lateness_ns: now_ns.saturating_sub(due_ns),
@@ -67,6 +69,7 @@ impl<D: Device> Cycle<D> {
                 device_io_ns: (sensed_ns.saturating_sub(now_ns))
                     + (done_ns.saturating_sub(decided_ns)),
                 overrun,
+                skipped_ticks: self.skipped_before(due_ns),
                 reports_dropped: self.link.dropped(),
                 device_error,
             };
@@ -75,8 +78,15 @@ impl<D: Device> Cycle<D> {
         })
     }
 
-    /// Lets go of the hand. For the end of the thread.
-    pub fn release(&mut self) {
+    /// Ticks on the grid between the last one and the one that was due now.
+    fn skipped_before(&mut self, due_ns: u64) -> u64 {
+        let last_ns = self.last_due_ns.replace(due_ns);
+        let ticks = last_ns.map_or(1, |last_ns| due_ns.saturating_sub(last_ns) / self.plan.tick_ns);
+        ticks.saturating_sub(1)
+    }
+
+    /// Lets go of the hand.
+    fn release(&mut self) {
         let mut commands = RELEASED;
         for (command, kind) in commands.iter_mut().zip(self.plan.actuators.kinds) {
             if kind == crate::actuation::ActuatorKind::Motor {
@@ -110,6 +120,13 @@ impl<D: Device> Cycle<D> {
             overruns_in_row: self.overruns_in_row,
         };
         tick(&mut self.state, &input)
+    }
+}
+
+/// However the thread ends, a panic included, nobody is left held.
+impl<D: Device> Drop for Cycle<D> {
+    fn drop(&mut self) {
+        self.release();
     }
 }
 

@@ -14,7 +14,7 @@ use super::clock::sleep_until;
 use crate::clock::now_ns;
 use crate::device::Device;
 
-/// Turns `cycle` on time until `stop`, then releases the device.
+/// Turns `cycle` on time until `stop`; its end releases the device.
 pub(super) fn run<D: Device>(mut cycle: Cycle<D>, stop: &AtomicBool, doorbell: &OwnedFd) {
     let mut due_ns = now_ns() + cycle.tick_ns();
     while !stop.load(Ordering::Relaxed) {
@@ -23,7 +23,6 @@ pub(super) fn run<D: Device>(mut cycle: Cycle<D>, stop: &AtomicBool, doorbell: &
         ring(doorbell);
         due_ns = next_due_ns(due_ns, now_ns(), cycle.tick_ns());
     }
-    cycle.release();
 }
 
 /// The next tick on the same grid that is not past: a late loop skips ticks and never runs

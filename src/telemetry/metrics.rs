@@ -79,7 +79,7 @@ impl DeviceMetrics {
         self.lateness.record(seconds(record.wakeup_lateness_ns));
         self.execution.record(seconds(record.execution_ns));
         self.device_io.record(seconds(record.device_io_ns));
-        self.overruns.increment(record.overrun.into());
+        self.overruns.increment(u64::from(record.overrun) + record.skipped_ticks);
         count_up(&mut self.reports_dropped, record.reports_dropped);
         if let Some(error) = record.device_error {
             self.device_errors[error as usize].increment(1);
@@ -102,7 +102,7 @@ impl DeviceMetrics {
                 self.faults[fault as usize].increment(1);
             }
         }
-        if report.command_new {
+        if report.command_new && report.command_lag_ticks > 0 {
             self.command_age.record(seconds(report.command_age_ns));
             self.command_lag.record(report.command_lag_ticks as f64);
         }
@@ -224,6 +224,7 @@ mod tests {
             execution_ns: 2_500,
             device_io_ns: 15_000,
             overrun: true,
+            skipped_ticks: 4,
             reports_dropped: 2,
             device_error: Some(DeviceError::Disconnected),
         }
@@ -239,7 +240,7 @@ mod tests {
         let count = |name: &str| format!("hapticd_{name}_count{{device=\"d\"}} 1");
         let mut expected = vec![
             "hapticd_loop_ticks_total{device=\"d\"} 1".to_owned(),
-            "hapticd_loop_overruns_total{device=\"d\"} 1".to_owned(),
+            "hapticd_loop_overruns_total{device=\"d\"} 5".to_owned(),
             "hapticd_loop_reports_dropped_total{device=\"d\"} 2".to_owned(),
             "hapticd_stuck_ticks_total{device=\"d\"} 1".to_owned(),
             "hapticd_device_errors_total{device=\"d\",kind=\"disconnected\"} 1".to_owned(),
@@ -310,7 +311,7 @@ mod tests {
         let telemetry = Telemetry::new().unwrap();
         let mut device = telemetry.device("d");
         for command_new in [true, false, false] {
-            let report = Report { command_seq: 3, command_new, ..Report::default() };
+            let report = Report { command_seq: 3, command_new, ..record().report };
             device.observe(&Record { report, ..Record::default() });
         }
         let series = "hapticd_command_age_seconds_count{device=\"d\"}";

@@ -90,7 +90,7 @@ impl RoundTrips {
 pub struct RunFigures {
     /// Ticks measured.
     pub ticks: u64,
-    /// Ticks not done when the next was due.
+    /// Ticks not done when the next was due, and those never run for it.
     pub overruns: u64,
     /// Lateness of a tick's begin, median, microseconds.
     pub wakeup_p50_us: f64,
@@ -156,7 +156,7 @@ impl RunSummary {
     /// Takes one tick into account.
     pub fn observe(&mut self, record: &Record) {
         self.ticks += 1;
-        self.overruns += u64::from(record.overrun);
+        self.overruns += u64::from(record.overrun) + record.skipped_ticks;
         self.lateness_ns.saturating_record(record.wakeup_lateness_ns);
         self.execution_ns.saturating_record(record.execution_ns);
         let report = &record.report;

@@ -161,7 +161,7 @@ rows! {
     LOOP_TICKS: Device Counter, "loop_ticks_total" [],
         "Ticks run; those that the histograms lack found no room on their way here.";
     LOOP_OVERRUNS: Device Counter, "loop_overruns_total" [],
-        "Ticks that were not done when the next one was due.";
+        "Ticks that were not done when the next one was due, and those that were skipped for it.";
     REPORTS_DROPPED: Device Counter, "loop_reports_dropped_total" [],
         "Ticks that the stream never heard of: it was held up for longer than the ring holds.";
     REALTIME_GRANTED: Device Gauge, "realtime_granted"

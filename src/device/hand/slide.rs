@@ -17,7 +17,7 @@
 //! through a spring on a target that moves at the sliding speed, which is how a force builds
 //! up against a handle that sticks; the target is never further ahead than the strongest pull
 //! needs. Wall and direction are those of Cho 2005, section 8; press, speed and grip are chosen
-//! here, because the paper does not say what its hand did.
+//! here.
 
 use nalgebra::Vector2;
 
