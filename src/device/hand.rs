@@ -10,6 +10,7 @@
 //! [`HandProgram::fitted`] shrinks them for a smaller device.
 
 mod circle;
+mod pointer;
 mod random;
 mod slide;
 
@@ -21,6 +22,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 pub use circle::CircleProgram;
+pub use pointer::{Pointer, PointerInput, PointerTarget};
 pub use random::RandomProgram;
 pub use slide::SlideProgram;
 
@@ -43,21 +45,26 @@ pub enum HandProgram {
     Circle(CircleProgram),
     /// Pulls at random.
     Random(RandomProgram),
+    /// Pulls where a person points; lets go while nobody does.
+    Pointer,
 }
 
 /// A name that no program has.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("hand program `{0}` does not exist: choose hold, press-and-slide, circle or random")]
+#[error(
+    "hand program `{0}` does not exist: choose hold, press-and-slide, circle, random or pointer"
+)]
 pub struct UnknownHandProgram(pub String);
 
 impl HandProgram {
     /// Every program with its usual parameters.
-    pub fn all() -> [Self; 4] {
+    pub fn all() -> [Self; 5] {
         [
             Self::Hold,
             Self::PressAndSlide(SlideProgram::default()),
             Self::Circle(CircleProgram::default()),
             Self::Random(RandomProgram::default()),
+            Self::Pointer,
         ]
     }
 
@@ -68,13 +75,14 @@ impl HandProgram {
             Self::PressAndSlide(_) => "press-and-slide",
             Self::Circle(_) => "circle",
             Self::Random(_) => "random",
+            Self::Pointer => "pointer",
         }
     }
 
     /// Where the handle best begins.
     pub fn start_m(&self) -> [f64; 2] {
         match self {
-            Self::Hold => MIDDLE_M,
+            Self::Hold | Self::Pointer => MIDDLE_M,
             Self::PressAndSlide(program) => program.start_m,
             Self::Circle(program) => program.start_m(),
             Self::Random(program) => program.home_m,
@@ -82,18 +90,18 @@ impl HandProgram {
     }
 
     /// The same program, shrunk where it would leave a device whose handle reaches from
-    /// `reach_m.0` to `reach_m.1` metres. Forces and times stay.
+    /// `reach_m.0` to `reach_m.1` metres. Times stay, and forces except those of `random`, which are made for its lengths.
     #[must_use]
     pub fn fitted(self, reach_m: (f64, f64)) -> Self {
         let outermost_m = match &self {
-            Self::Hold => return self,
+            Self::Hold | Self::Pointer => return self,
             Self::PressAndSlide(program) => program.outermost_m(),
             Self::Circle(program) => program.outermost_m(),
             Self::Random(program) => Vector2::from(program.home_m).norm(),
         };
         let scale = (USED_REACH * reach_m.1 / outermost_m).min(1.0);
         match self {
-            Self::Hold => self,
+            Self::Hold | Self::Pointer => self,
             Self::PressAndSlide(program) => Self::PressAndSlide(program.scaled(scale)),
             Self::Circle(program) => Self::Circle(program.scaled(scale)),
             Self::Random(program) => Self::Random(program.scaled(scale)),
@@ -167,18 +175,22 @@ pub struct HandAction {
 }
 
 /// A hand at work.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Hand {
     motion: Motion,
     rng: ChaCha8Rng,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 enum Motion {
-    Hold { home_m: Vector2<f64> },
+    Hold {
+        home_m: Vector2<f64>,
+    },
     Slide(slide::Slide),
     Circle(circle::Circle),
     Random(random::RandomPull),
+    /// `None`: nobody can point yet.
+    Pointer(Option<Pointer>),
 }
 
 /// The state of the handle that a hand reacts to, and the time since it last did.
@@ -198,8 +210,14 @@ impl Hand {
             HandProgram::PressAndSlide(program) => Motion::Slide(slide::Slide::new(program, p_m)),
             HandProgram::Circle(program) => Motion::Circle(circle::Circle::new(program)),
             HandProgram::Random(program) => Motion::Random(random::RandomPull::new(program)),
+            HandProgram::Pointer => Motion::Pointer(None),
         };
         Self { motion, rng: ChaCha8Rng::seed_from_u64(seed) }
+    }
+
+    /// From now on this hand pulls where `pointer` is told, whatever its program was.
+    pub fn follow(&mut self, pointer: Pointer) {
+        self.motion = Motion::Pointer(Some(pointer));
     }
 
     /// What the hand does for the next `dt_s` seconds to a handle at `p_BH` that moves at
@@ -213,6 +231,8 @@ impl Hand {
             Motion::Slide(slide) => slide.act(&handle),
             Motion::Circle(circle) => (circle.act(&handle), 0),
             Motion::Random(random) => (random.act(&handle, &mut self.rng), 0),
+            Motion::Pointer(None) => (Vector2::zeros(), 0),
+            Motion::Pointer(Some(pointer)) => pointer.act(&handle),
         };
         HandAction { F_hand_BH_N: PlaneVector::new(force_N.x, force_N.y, 0.0), buttons }
     }
@@ -257,7 +277,7 @@ pub(super) mod tests {
         }
         assert_eq!(
             "wave".parse::<HandProgram>().unwrap_err().to_string(),
-            "hand program `wave` does not exist: choose hold, press-and-slide, circle or random"
+            "hand program `wave` does not exist: choose hold, press-and-slide, circle, random or pointer"
         );
     }
 
@@ -282,7 +302,10 @@ pub(super) mod tests {
             assert_eq!(program.fitted((0.0, 0.6)), program);
             let small = program.fitted((0.05, 0.25));
             let start_m = Vector2::from(small.start_m()).norm();
-            assert!(start_m < 0.25 || program == HandProgram::Hold, "{small:?}");
+            assert!(
+                start_m < 0.25 || matches!(program, HandProgram::Hold | HandProgram::Pointer),
+                "{small:?}"
+            );
         }
     }
 }

@@ -16,7 +16,8 @@ mod simulated;
 
 pub use fault_injector::{Episode, FaultInjector, Injection, episodes};
 pub use hand::{
-    CircleProgram, Grip, HandAction, HandProgram, RandomProgram, SlideProgram, UnknownHandProgram,
+    CircleProgram, Grip, HandAction, HandProgram, Pointer, PointerInput, PointerTarget,
+    RandomProgram, SlideProgram, UnknownHandProgram,
 };
 pub use plant::Energy;
 pub use sensors::ForceSensor;

@@ -11,7 +11,7 @@
 use std::sync::Arc;
 
 use super::Device;
-use super::hand::{Hand, HandAction, HandProgram};
+use super::hand::{Hand, HandAction, HandProgram, Pointer};
 use super::plant::{Energy, Plant, PlantParameters};
 use super::sensors::{ForceSensor, Sensors};
 use crate::actuation::ActuatorKind;
@@ -95,7 +95,7 @@ pub struct Truth {
 }
 
 /// A device that exists only here.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct SimulatedDevice {
     plant: Plant,
     hand: Hand,
@@ -129,6 +129,11 @@ impl SimulatedDevice {
             action: HandAction::default(),
             read_at_ns: None,
         })
+    }
+
+    /// From now on somebody else pulls the handle.
+    pub fn follow(&mut self, pointer: Pointer) {
+        self.hand.follow(pointer);
     }
 
     /// The state as it is.
