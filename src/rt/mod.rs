@@ -10,8 +10,10 @@ mod guard;
 mod rights;
 mod run;
 mod thread;
+mod wakeups;
 
 pub use cycle::{Cycle, DeviceLink};
 pub use guard::no_alloc;
 pub use rights::{Right, Rights, RightsError, fifo};
 pub use thread::{Realtime, RtConfig, RtError, RtHandle, spawn};
+pub use wakeups::{Wakeups, measure_wakeups};
