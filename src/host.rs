@@ -5,6 +5,7 @@
 //! written to disk, put in force at a tick's edge, and only then true; if the device does not
 //! take it, the disk is put back. Blocking calls, milliseconds; never from the stream thread.
 
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -38,6 +39,9 @@ pub enum HostError {
     /// It could not be kept.
     #[error(transparent)]
     State(#[from] StateError),
+    /// The real-time thread has not taken what was asked of it before.
+    #[error("the device's loop is busy with earlier commands; nothing was changed")]
+    Busy,
     /// The real-time thread does not answer.
     #[error("the device's loop did not answer within {} ms; a mode change may still take effect", PATIENCE.as_millis())]
     Unresponsive,
@@ -53,6 +57,8 @@ pub struct DeviceHost {
     /// The scene in force, for readers: an edit holds `scene` while it waits for disk and loop.
     in_force: Mutex<Arc<Scene>>,
     latest: LatestReport,
+    /// When the last reply of the loop was seen.
+    acknowledged_ns: AtomicU64,
 }
 
 #[derive(Debug)]
@@ -73,7 +79,8 @@ impl DeviceHost {
         let in_force = Mutex::new(Arc::new(scene.clone()));
         let scene = Mutex::new(KeptScene { scene, file });
         let supervisor = Mutex::new((0, supervisor));
-        Self { definition, supervisor, scene, in_force, latest }
+        let acknowledged_ns = AtomicU64::new(0);
+        Self { definition, supervisor, scene, in_force, latest, acknowledged_ns }
     }
 
     /// What the device is.
@@ -86,6 +93,12 @@ impl DeviceHost {
         self.latest.get()
     }
 
+    /// True of a report whose tick began after all that was acknowledged. Reports pass
+    /// through the telemetry thread and come some milliseconds later than a reply.
+    pub fn is_current(&self, report: &Report) -> bool {
+        report.time_ns > self.acknowledged_ns.load(Ordering::Acquire)
+    }
+
     /// True while the loop turns.
     pub fn is_alive(&self) -> bool {
         let age_ns = now_ns().saturating_sub(self.report().time_ns);
@@ -94,7 +107,7 @@ impl DeviceHost {
 
     /// Changes the mode; returns the mode then.
     pub fn change_mode(&self, command: ModeCommand) -> Result<Mode, HostError> {
-        match self.execute(ControlCommand::Mode(command))? {
+        match self.execute(ControlCommand::Mode(command), None)? {
             ControlReply::Mode(answer) => Ok(answer?),
             ControlReply::Retired(_) => Err(HostError::Unresponsive),
         }
@@ -113,18 +126,15 @@ impl DeviceHost {
         let mut kept = lock(&self.scene);
         let mut next = kept.scene.clone();
         let result = edit(&mut next)?;
-        let plan = Box::new(build_plan(&self.definition, &next));
         if let Err(error) = kept.file.save(&next) {
             // It may have been put in place before it failed; what was acknowledged stays.
             let KeptScene { scene, file } = &mut *kept;
             let _ = file.save(scene);
             return Err(error.into());
         }
-        if let Err(error) = self.execute(ControlCommand::SwapPlan(plan)) {
+        let swap = |scene| ControlCommand::SwapPlan(Box::new(build_plan(&self.definition, scene)));
+        if let Err(error) = self.execute(swap(&next), Some(swap(&kept.scene))) {
             let KeptScene { scene, file } = &mut *kept;
-            // Should the loop come back and find the new plan waiting, the old one follows it.
-            let plan = Box::new(build_plan(&self.definition, scene));
-            let _ = lock(&self.supervisor).1.commands.push((0, ControlCommand::SwapPlan(plan)));
             file.save(scene)?;
             return Err(error);
         }
@@ -134,21 +144,38 @@ impl DeviceHost {
         Ok((result, next))
     }
 
-    /// Sends one command and waits for its reply.
-    fn execute(&self, command: ControlCommand) -> Result<ControlReply, HostError> {
+    /// Sends one command and waits for its reply. Where none comes, `undo` follows it, should
+    /// the loop come back and find both waiting.
+    fn execute(
+        &self,
+        command: ControlCommand,
+        undo: Option<ControlCommand>,
+    ) -> Result<ControlReply, HostError> {
         let mut supervisor = lock(&self.supervisor);
-        let (last, supervisor) = &mut *supervisor;
+        let (last, ends) = &mut *supervisor;
+        // Replies that nobody waited for keep the loop from taking more commands.
+        while ends.replies.pop().is_ok() {}
+        // An edit needs room for its undoing, and leaves some for a Stop.
+        let needed = if undo.is_some() { 3 } else { 1 };
+        if ends.commands.slots() < needed {
+            return Err(HostError::Busy);
+        }
         *last += 1;
-        supervisor.commands.push((*last, command)).map_err(|_| HostError::Unresponsive)?;
+        ends.commands.push((*last, command)).map_err(|_| HostError::Busy)?;
         let deadline = Instant::now() + PATIENCE;
         loop {
-            match supervisor.replies.pop() {
-                Ok((number, reply)) if number == *last => return Ok(reply),
+            match ends.replies.pop() {
+                Ok((number, reply)) if number == *last => {
+                    self.acknowledged_ns.fetch_max(now_ns(), Ordering::Release);
+                    return Ok(reply);
+                }
                 // Nobody waited for that one any more.
                 Ok(_) => continue,
                 Err(_) => {}
             }
             if Instant::now() > deadline {
+                // There is room: it was seen above, and nobody else holds this end.
+                undo.map(|undo| ends.commands.push((0, undo)));
                 return Err(HostError::Unresponsive);
             }
             std::thread::sleep(PAUSE);

@@ -21,8 +21,9 @@ const WAITING: usize = 3;
 /// First guess of the round trip; the default of 333 ms would slow the first retries.
 const INITIAL_RTT: Duration = Duration::from_millis(10);
 
-/// A peer that is silent for this long is gone.
-const IDLE: Duration = Duration::from_secs(2);
+/// A peer that is silent for this long is gone. Longer than the session's own limit, so that
+/// a silent client is told why it has to go.
+const IDLE: Duration = Duration::from_secs(3);
 
 /// Keeps an idle observer alive.
 const KEEP_ALIVE: Duration = Duration::from_millis(200);

@@ -131,8 +131,9 @@ pub const PRIORITY: Range = Range::new(1.0, 99.0, "(SCHED_FIFO priority)");
 pub const PROCESSOR: Range = Range::new(0.0, 1023.0, "(processor number)");
 /// Sessions at a time.
 pub const SESSIONS: Range = Range::new(1.0, 1024.0, "sessions");
-/// Time-to-live of a command.
-pub const TIME_TO_LIVE: Range = Range::new(1.0, 10_000.0, "ms");
+/// Time-to-live of a command: shorter than the silence that ends a session, so that it alone
+/// decides when a force goes.
+pub const TIME_TO_LIVE: Range = Range::new(1.0, 1_000.0, "ms");
 
 #[cfg(test)]
 mod tests {

@@ -1,45 +1,40 @@
 //! A running daemon: one device, its threads, its sockets.
 
 use std::net::SocketAddr;
-use std::os::fd::OwnedFd;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 use rustix::event::{EventfdFlags, eventfd};
-use tokio::runtime::Runtime;
-use tokio::sync::watch;
 
-use super::Signals;
+use super::reachable;
+use super::services::Services;
 use super::sockets::Sockets;
 use crate::client::ConnectString;
 use crate::clock::now_ns;
 use crate::config::{
-    DeviceDefinition, RealtimePolicy, ServerConfig, StateDir, build_plan, default_state_dir,
+    DeviceDefinition, RealtimePolicy, Scene, SceneFile, ServerConfig, StateDir, build_plan,
+    default_state_dir,
 };
-use crate::control::{ControlState, Mode};
+use crate::control::{ControlState, Mode, Setpoint};
 use crate::device::SimulatedDevice;
 use crate::host::DeviceHost;
 use crate::link::bridge;
 use crate::net::{self, Identity, StreamHandle, StreamParts};
 use crate::rt::{self, Cycle, Realtime, Right, RtConfig, RtHandle};
 use crate::session::SessionConfig;
-use crate::telemetry::{self, LatestReport, RoundTrips, RunFigures, RunSummary, Telemetry};
+use crate::telemetry::{
+    self, DeviceMetrics, LatestReport, RoundTrips, RunFigures, RunSummary, Telemetry,
+};
 
 /// Seed of the simulated hand and noise: a run is as repeatable as its timing.
 const SEED: u64 = 1;
 
 /// SCHED_FIFO priority of the stream thread, or just below the loop's where that is lower.
 const STREAM_PRIORITY: u8 = 40;
-
-/// Time for open calls to end when the daemon stops.
-const FAREWELL: Duration = Duration::from_millis(500);
-
-/// Between two upkeeps of the metrics.
-const UPKEEP: Duration = Duration::from_secs(2);
 
 /// How a daemon is started, beside its configuration.
 #[derive(Clone, Copy, Debug, Default)]
@@ -51,15 +46,10 @@ pub struct Start {
 /// A running daemon.
 #[derive(Debug)]
 pub struct Daemon {
-    // In the order in which they stop.
-    rt: RtHandle,
     stream: StreamHandle,
-    services: Option<Runtime>,
-    signals: Signals,
-    shutdown: watch::Sender<bool>,
-    feed: Option<JoinHandle<()>>,
-    feed_stop: Arc<AtomicBool>,
-    summary: Arc<Mutex<RunSummary>>,
+    services: Services,
+    rt: RtHandle,
+    feed: Feed,
     round_trips: RoundTrips,
     host: Arc<DeviceHost>,
     connect: ConnectString,
@@ -74,82 +64,51 @@ pub struct Daemon {
 impl Daemon {
     /// Starts everything.
     pub fn start(config: &ServerConfig, start: Start) -> anyhow::Result<Self> {
-        let definition = DeviceDefinition::load(&config.device)?;
-        let state_dir = StateDir::open(state_path(config)?)?;
-        let (scene_file, scene) = state_dir.scene(&definition.name)?;
-        let identity = Identity::load_or_create(state_dir.path())?;
-        let sha256 = identity.sha256();
-        let sockets = Sockets::bind(config, start.or_free_ports)?;
-        let grpc_address = sockets.grpc.local_addr()?;
-        let http_address = sockets.http.local_addr()?;
+        let ready = Ready::new(config, start)?;
+        let Ready { definition, state_dir, scene, scene_file, device, .. } = ready;
+        let sha256 = ready.identity.sha256();
+        let grpc_address = ready.sockets.grpc.local_addr()?;
+        let http_address = ready.sockets.http.local_addr()?;
+        let mut services = Services::prepare(ready.sockets.grpc, ready.sockets.http)?;
 
         let telemetry = Telemetry::new()?;
+        let rights = telemetry.device(definition.name.as_str());
         let metrics = telemetry.device(definition.name.as_str());
-        let summary = Arc::new(Mutex::new(RunSummary::new(definition.tick_ns)));
-        let (rt_end, stream_end, records, supervisor) = bridge(&crate::control::Setpoint::NONE);
-        let latest = LatestReport::default();
-
-        let device = SimulatedDevice::new(definition.simulation(config.hand), SEED)
-            .with_context(|| format!("device {}", definition.name))?;
-        let plan = Box::new(build_plan(&definition, &scene));
-        // A simulated device harms nobody and is enabled at once.
-        let cycle = Cycle::new(device, ControlState::new(Mode::Enabled), plan, rt_end);
+        let (rt_end, stream_end, records, supervisor) = bridge(&Setpoint::NONE);
         let doorbell = eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC)?;
-        let doorbell_rt: OwnedFd = doorbell.try_clone()?;
-        let rt = rt::spawn(cycle, rt_config(config), doorbell_rt)?;
-        for right in Right::ALL {
-            metrics
-                .realtime_granted(right, !rt.denied().iter().any(|(denied, _)| *denied == right));
-        }
-        for (right, why) in rt.denied() {
-            tracing::warn!(right = right.name(), why, "real-time right denied, going on without");
-        }
-
         let round_trips = RoundTrips::default();
-        let feed_stop = Arc::new(AtomicBool::new(false));
-        let feed = telemetry::spawn(
-            records,
-            metrics,
-            latest.clone(),
-            Some(Arc::clone(&summary)),
-            Arc::clone(&feed_stop),
-        )?;
         let stream = net::spawn_stream(StreamParts {
-            socket: sockets.stream,
-            identity,
+            socket: ready.sockets.stream,
+            identity: ready.identity,
             sessions: session_config(config, &definition, grpc_address.port()),
             link: stream_end,
-            doorbell,
+            doorbell: doorbell.try_clone()?,
             metrics: telemetry.stream(),
             round_trips: round_trips.clone(),
             on_start: raise_stream(config.rt_priority),
         })?;
-        let host = DeviceHost::new(definition, supervisor, scene, scene_file, latest);
-        let host = Arc::new(host);
+
+        let plan = Box::new(build_plan(&definition, &scene));
+        // A simulated device harms nobody and is enabled at once.
+        let cycle = Cycle::new(device, ControlState::new(Mode::Enabled), plan, rt_end);
+        let feed = Feed::start(records, metrics, definition.tick_ns)?;
+        let rt = rt::spawn(cycle, rt_config(config), doorbell)?;
+        tell_rights(&rt, &rights);
         let connect = ConnectString {
-            host: stream.address.ip().to_string(),
+            host: reachable::address(stream.address.ip()).to_string(),
             stream_port: stream.address.port(),
             grpc_port: grpc_address.port(),
             sha256: Some(sha256),
             token: None,
         };
-        let (shutdown, stopped) = watch::channel(false);
-        let services =
-            Services { grpc: sockets.grpc, http: sockets.http, telemetry: &telemetry, stopped };
-        let services = services.start(&host)?;
-        let signals = {
-            let _inside = services.enter();
-            Signals::register()?
-        };
+        let latest = feed.latest.clone();
+        let host = Arc::new(DeviceHost::new(definition, supervisor, scene, scene_file, latest));
+        services.serve(telemetry.scrape(), &host);
         Ok(Self {
-            rt,
             stream,
-            services: Some(services),
-            signals,
-            shutdown,
-            feed: Some(feed),
-            feed_stop,
-            summary,
+            services,
+            rt,
+            feed,
             round_trips,
             host,
             connect,
@@ -171,36 +130,29 @@ impl Daemon {
 
     /// The figures of the run so far.
     pub fn figures(&self) -> RunFigures {
-        let summary = self.summary.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let summary = self.feed.summary.lock().unwrap_or_else(PoisonError::into_inner).clone();
         summary.figures(&self.round_trips)
     }
 
-    /// Waits for Ctrl-C or SIGTERM; one that came since the start counts.
-    pub fn wait_for_signal(&mut self) -> anyhow::Result<()> {
-        let Some(services) = &self.services else { bail!("the daemon is stopped") };
-        services.block_on(self.signals.received());
-        Ok(())
+    /// Waits for Ctrl-C or SIGTERM, at most until `until`; true when one has come. One that
+    /// came since the start counts.
+    pub fn wait_for_signal(&mut self, until: Option<Instant>) -> bool {
+        self.services.wait_for_signal(until)
     }
 
-    /// Stops in order: clients are told, the device is let go, everything written is kept.
-    /// Returns the figures of the whole run.
+    /// Stops in order: clients are told, calls under way are answered, the device is let go,
+    /// and everything it did is in the figures. Returns those of the whole run.
     pub fn stop(mut self) -> RunFigures {
         self.stop_parts();
         self.figures()
     }
 
     fn stop_parts(&mut self) {
+        self.services.close();
         self.stream.stop();
+        self.services.stop();
         self.rt.stop();
-        let _ = self.shutdown.send(true);
-        if let Some(services) = self.services.take() {
-            services.shutdown_timeout(FAREWELL);
-        }
-        self.feed_stop.store(true, Ordering::Release);
-        if let Some(feed) = self.feed.take() {
-            // Its panic, if any, has been printed; the figures so far are still good.
-            let _ = feed.join();
-        }
+        self.feed.stop();
     }
 }
 
@@ -210,8 +162,77 @@ impl Drop for Daemon {
     }
 }
 
+/// What is read, made and bound before any thread starts; what is wrong with any of it is
+/// said here.
+struct Ready {
+    definition: DeviceDefinition,
+    state_dir: StateDir,
+    scene: Scene,
+    scene_file: SceneFile,
+    identity: Identity,
+    device: SimulatedDevice,
+    sockets: Sockets,
+}
+
+impl Ready {
+    fn new(config: &ServerConfig, start: Start) -> anyhow::Result<Self> {
+        let definition = DeviceDefinition::load(&config.device)?;
+        let state_dir = StateDir::open(state_path(config)?)?;
+        let (scene_file, scene) = state_dir.scene(&definition.name)?;
+        let identity = Identity::load_or_create(state_dir.path())?;
+        let device = SimulatedDevice::new(definition.simulation(config.hand), SEED)
+            .with_context(|| format!("device {}", definition.name))?;
+        let sockets = Sockets::bind(config, start.or_free_ports)?;
+        Ok(Self { definition, state_dir, scene, scene_file, identity, device, sockets })
+    }
+}
+
+/// The telemetry thread and what it fills.
+#[derive(Debug)]
+struct Feed {
+    latest: LatestReport,
+    summary: Arc<Mutex<RunSummary>>,
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Feed {
+    fn start(
+        records: rtrb::Consumer<crate::control::Record>,
+        metrics: DeviceMetrics,
+        tick_ns: u64,
+    ) -> anyhow::Result<Self> {
+        let latest = LatestReport::default();
+        let summary = Arc::new(Mutex::new(RunSummary::new(tick_ns)));
+        let stop = Arc::new(AtomicBool::new(false));
+        let observed = Some(Arc::clone(&summary));
+        let thread =
+            telemetry::spawn(records, metrics, latest.clone(), observed, Arc::clone(&stop))?;
+        Ok(Self { latest, summary, stop, thread: Some(thread) })
+    }
+
+    /// Ends with everything taken in that was there.
+    fn stop(&mut self) {
+        self.stop.store(true, Ordering::Release);
+        if let Some(thread) = self.thread.take() {
+            // Its panic, if any, has been printed; the figures so far are still good.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Says which real-time rights were denied, in the log and in the metrics.
+fn tell_rights(rt: &RtHandle, metrics: &DeviceMetrics) {
+    for right in Right::ALL {
+        metrics.realtime_granted(right, !rt.denied().iter().any(|(denied, _)| *denied == right));
+    }
+    for (right, why) in rt.denied() {
+        tracing::warn!(right = right.name(), why, "real-time right denied, going on without");
+    }
+}
+
 /// A force waits for the stream thread too. Always below the loop, above everything ordinary;
-/// denied, it goes on as it is: the loop has said so already.
+/// denied, it goes on as it is: the loop is denied the same and says so.
 fn raise_stream(rt_priority: u8) -> Box<dyn Fn() + Send> {
     let priority = STREAM_PRIORITY.min(rt_priority.saturating_sub(1));
     Box::new(move || {
@@ -255,52 +276,5 @@ fn session_config(
             mechanism.freedoms() as u32,
             mechanism.actuators() as u32,
         )
-    }
-}
-
-/// What the service runtime serves.
-struct Services<'a> {
-    grpc: std::net::TcpListener,
-    http: std::net::TcpListener,
-    telemetry: &'a Telemetry,
-    stopped: watch::Receiver<bool>,
-}
-
-impl Services<'_> {
-    fn start(self, host: &Arc<DeviceHost>) -> anyhow::Result<Runtime> {
-        let runtime = tokio::runtime::Builder::new_multi_thread()
-            .worker_threads(1)
-            .thread_name("hapticd-services")
-            .enable_all()
-            .build()?;
-        let _inside = runtime.enter();
-        let grpc = tokio::net::TcpListener::from_std(self.grpc)?;
-        let http = tokio::net::TcpListener::from_std(self.http)?;
-        let until = |mut stopped: watch::Receiver<bool>| async move {
-            // The sender gone means the same.
-            let _ = stopped.wait_for(|stopped| *stopped).await;
-        };
-        let scrape = self.telemetry.scrape();
-        let serving = net::serve_grpc(grpc, Arc::clone(host), until(self.stopped.clone()));
-        runtime.spawn(async move {
-            if let Err(error) = serving.await {
-                tracing::error!(%error, "the services stopped");
-            }
-        });
-        let serving =
-            net::serve_http(http, scrape.clone(), Arc::clone(host), until(self.stopped.clone()));
-        runtime.spawn(async move {
-            if let Err(error) = serving.await {
-                tracing::error!(%error, "HTTP stopped");
-            }
-        });
-        runtime.spawn(async move {
-            let mut interval = tokio::time::interval(UPKEEP);
-            loop {
-                interval.tick().await;
-                scrape.upkeep();
-            }
-        });
-        Ok(runtime)
     }
 }

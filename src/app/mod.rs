@@ -1,17 +1,20 @@
 //! The composition root: builds a daemon from its parts, in order, and takes it down again.
 //!
 //! ```text
-//! ServerConfig ─▶ device definition, scene, identity, sockets ─▶ threads ─▶ Daemon
+//! ServerConfig ─▶ device, scene, identity, sockets, signals ─▶ stream ─▶ loop ─▶ services
 //! ```
 //!
-//! Everything that can be refused (a file, a right, a port) is tried before the first thread
-//! moves the device. Nothing here decides at run time.
+//! Everything that can be refused (a file, a port, a certificate, a thread) is tried before
+//! the loop moves the device; the loop itself asks for its rights before its first tick.
+//! Nothing here decides at run time.
 
 mod daemon;
 mod log;
+mod reachable;
+mod services;
 mod signals;
 mod sockets;
 
 pub use daemon::{Daemon, Start};
-pub use log::init as init_log;
+pub use log::{Logs, init as init_log};
 pub use signals::Signals;

@@ -23,11 +23,7 @@ impl Sockets {
     pub fn bind(config: &ServerConfig, or_free: bool) -> anyhow::Result<Self> {
         let ip = config.listen;
         let udp = |address: SocketAddr| UdpSocket::bind(address);
-        let tcp = |address: SocketAddr| {
-            let listener = TcpListener::bind(address)?;
-            listener.set_nonblocking(true)?;
-            Ok(listener)
-        };
+        let tcp = |address: SocketAddr| TcpListener::bind(address);
         Ok(Self {
             stream: bind("stream_port", ip, config.stream_port, or_free, udp)?,
             grpc: bind("grpc_port", ip, config.grpc_port, or_free, tcp)?,
@@ -46,6 +42,11 @@ fn bind<S>(
     match open(SocketAddr::new(ip, port)) {
         Err(error) if or_free && error.kind() == io::ErrorKind::AddrInUse => {
             open(SocketAddr::new(ip, 0)).with_context(|| format!("no free port for {key} on {ip}"))
+        }
+        Err(error) if error.kind() == io::ErrorKind::AddrNotAvailable => {
+            Err(error).with_context(|| {
+                format!("server.listen = {ip}: this machine has no such address; choose one of its own")
+            })
         }
         result => result.with_context(|| {
             format!("server.{key} = {port}: cannot listen on {ip} port {port}; choose another port, or 0 for any free one")

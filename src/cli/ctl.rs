@@ -5,7 +5,10 @@ use clap::{Args, Subcommand};
 use serde_json::{Value, json};
 
 use super::{format, wall};
-use crate::client::{ConnectString, DEFAULT_GRPC_PORT, DEFAULT_STREAM_PORT, Services, services};
+use crate::client::{
+    ConnectString, DEFAULT_GRPC_PORT, DEFAULT_STREAM_PORT, Services, ServicesError, services,
+    services_in_plaintext, told,
+};
 use crate::proto::{
     ActuatorKind, ActuatorState, ClearFaultRequest, ContactState, DeviceDescription, DeviceMode,
     DeviceState, DisableRequest, EnableRequest, Fault, GetDescriptionRequest, GetStateRequest,
@@ -26,6 +29,9 @@ pub struct Ctl {
     /// Which device, where there are several
     #[arg(long, global = true, value_name = "NAME")]
     device: Option<String>,
+    /// Talk to another machine although the services are not encrypted
+    #[arg(long, global = true)]
+    insecure: bool,
     /// Print JSON
     #[arg(long, global = true)]
     json: bool,
@@ -85,10 +91,7 @@ impl Ctl {
             !elsewhere || target.sha256.is_some(),
             "{target} does not say where the services are: use the whole connect string that `serve` prints (with grpc=PORT)"
         );
-        let authority = target.grpc_authority();
-        let mut services = services(&self.connect).await.with_context(|| {
-            format!("cannot reach the services at {authority}; is `hapticd serve` running? On another gRPC port, use the whole connect string")
-        })?;
+        let mut services = self.services().await?;
         let name = device_name(&mut services, self.device.as_deref()).await?;
         let devices = &mut services.devices;
         let mode = match self.action {
@@ -116,11 +119,28 @@ impl Ctl {
         print_mode(&mode.map_err(plain)?.into_inner(), self.json);
         Ok(())
     }
+
+    async fn services(&self) -> anyhow::Result<Services> {
+        let connected = if self.insecure {
+            services_in_plaintext(&self.connect).await
+        } else {
+            services(&self.connect).await
+        };
+        match connected {
+            Err(error @ ServicesError::Plaintext { .. }) => {
+                bail!("{error}; --insecure talks to it all the same")
+            }
+            connected => connected.with_context(|| {
+                let authority = self.connect.grpc_authority();
+                format!("cannot reach the services at {authority}; is `hapticd serve` running? On another gRPC port, use the whole connect string")
+            }),
+        }
+    }
 }
 
-/// A refusal in the server's own words.
+/// A refusal in the server's own words, or that there were none.
 pub fn plain(status: tonic::Status) -> anyhow::Error {
-    anyhow::anyhow!("{} ({:?})", status.message(), status.code())
+    anyhow::anyhow!(told(&status))
 }
 
 async fn device_name(services: &mut Services, wanted: Option<&str>) -> anyhow::Result<String> {

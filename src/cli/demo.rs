@@ -1,6 +1,7 @@
 //! `hapticd demo`: a daemon, a simulated hand, and a scene in a process of its own.
 
-use std::io::IsTerminal;
+use std::fs::File;
+use std::io::{IsTerminal, Read, Seek};
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -10,13 +11,16 @@ use clap::{Args, Subcommand};
 
 use super::format::parse_seconds;
 use super::view;
-use crate::app::{Daemon, Start, init_log};
+use crate::app::{Daemon, Logs, Start, init_log};
 use crate::config::{LogLevel, ServerConfig};
 use crate::device::HandProgram;
 use crate::telemetry::RunFigures;
 
 /// Time for the scene to say goodbye by itself before it is ended.
 const FAREWELL: Duration = Duration::from_secs(2);
+
+/// Lines shown of a scene that ended by itself.
+const LAST_LINES: usize = 5;
 
 /// See a device at work: daemon, simulated hand and a scene over a real socket.
 #[derive(Debug, Args)]
@@ -77,28 +81,28 @@ impl Wall {
             ..ServerConfig::default()
         };
         config.log.level = LogLevel::Warn;
-        init_log(&config.log);
-        let daemon = Daemon::start(&config, Start { or_free_ports: true })?;
-        if !self.json {
-            announce(&daemon);
-        }
+        let logs = init_log(&config.log)?;
+        let mut daemon = Daemon::start(&config, Start { or_free_ports: true })?;
+        announce(&daemon, &logs);
         let mut scene = Scene::start(&daemon)?;
         let until = self.seconds.map(|seconds| Instant::now() + seconds);
         let live = !self.json && std::io::stdout().is_terminal();
         if live {
-            view::live(&daemon, until, &mut || scene.check())?;
+            view::live(&mut daemon, until, &mut || scene.check())?;
         } else {
-            view::plain(&daemon, until, self.json, &mut || scene.check())?;
+            let tell = |line: String| if self.json { logs.line(&line) } else { say!("{line}") };
+            view::plain(&mut daemon, until, &tell, &mut || scene.check())?;
         }
         scene.stop();
         print(&daemon.stop(), self.json)
     }
 }
 
-fn announce(daemon: &Daemon) {
-    eprintln!("stream   {}", daemon.connect_string());
-    eprintln!("gRPC     {}", daemon.grpc_address);
-    eprintln!("metrics  http://{}/metrics", daemon.http_address);
+/// Says on stderr where everything is.
+fn announce(daemon: &Daemon, logs: &Logs) {
+    logs.line(&format!("stream   {}", daemon.connect_string()));
+    logs.line(&format!("gRPC     {}", daemon.grpc_address));
+    logs.line(&format!("metrics  http://{}/metrics", daemon.http_address));
 }
 
 fn print(figures: &RunFigures, as_json: bool) -> anyhow::Result<()> {
@@ -120,19 +124,22 @@ fn print(figures: &RunFigures, as_json: bool) -> anyhow::Result<()> {
 /// The scene's process.
 struct Scene {
     child: Child,
+    /// What it says; shown when it ends by itself.
+    stderr: File,
 }
 
 impl Scene {
     fn start(daemon: &Daemon) -> anyhow::Result<Self> {
         let program = std::env::current_exe().context("cannot find this program")?;
+        let stderr = tempfile::tempfile().context("no file for what the scene says")?;
         let child = Command::new(program)
             .args(["scene", "wall", "--connect", &daemon.connect_string().to_string()])
             .stdin(Stdio::null())
             .stdout(Stdio::null())
-            .stderr(Stdio::null())
+            .stderr(stderr.try_clone()?)
             .spawn()
             .context("cannot start the scene's process")?;
-        Ok(Self { child })
+        Ok(Self { child, stderr })
     }
 
     /// Fails when the scene has ended by itself.
@@ -140,8 +147,21 @@ impl Scene {
         let ended = self.child.try_wait()?;
         match ended {
             None => Ok(()),
-            Some(status) => anyhow::bail!("the scene's process ended early: {status}"),
+            Some(status) => {
+                let said = self.last_lines();
+                anyhow::bail!("the scene's process ended early ({status}), it said:\n{said}")
+            }
         }
+    }
+
+    fn last_lines(&mut self) -> String {
+        let mut text = Vec::new();
+        // What cannot be read is not shown; that it ended is the news.
+        let _ = self.stderr.rewind().and_then(|()| self.stderr.read_to_end(&mut text));
+        let text = String::from_utf8_lossy(&text);
+        let lines: Vec<_> = text.lines().collect();
+        let last = &lines[lines.len().saturating_sub(LAST_LINES)..];
+        if last.is_empty() { "  (nothing)".into() } else { format!("  {}", last.join("\n  ")) }
     }
 
     /// Asks it to end, and ends it if it does not.

@@ -9,6 +9,7 @@ macro_rules! say {
 mod config;
 mod ctl;
 mod demo;
+mod doctor;
 mod format;
 mod ping;
 mod scene;
@@ -36,6 +37,7 @@ enum Command {
     Scene(scene::Scene),
     Ctl(ctl::Ctl),
     Ping(ping::Ping),
+    Doctor(doctor::Doctor),
     Config(config::Config),
 }
 
@@ -47,6 +49,7 @@ pub fn run() -> ExitCode {
         Command::Scene(command) => command.run(),
         Command::Ctl(command) => command.run(),
         Command::Ping(command) => command.run(),
+        Command::Doctor(command) => command.run(),
         Command::Config(command) => command.run(),
     };
     match result {

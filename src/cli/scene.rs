@@ -7,7 +7,7 @@ use clap::{Args, Subcommand};
 use super::format::parse_seconds;
 use crate::app::Signals;
 use crate::client::{Client, ClientError, ConnectString, Incoming, Options};
-use crate::proto::{Contact, HalfSpaceContact, Role, contact::Shape};
+use crate::proto::{ByeReason, Contact, HalfSpaceContact, Role, contact::Shape};
 use crate::units::{self, FieldError};
 
 /// Run a scene against a server.
@@ -86,7 +86,13 @@ impl Wall {
     async fn run(self) -> anyhow::Result<()> {
         let mut signals = Signals::register()?;
         let options = Options::new("hapticd scene wall", Role::Controller);
-        let mut client = Client::connect(&self.connect, options).await?;
+        let mut client = tokio::select! {
+            connected = Client::connect(&self.connect, options) => connected?,
+            () = signals.received() => {
+                eprintln!("scene wall: ended before it was connected");
+                return Ok(());
+            }
+        };
         let device = client.welcome().device.clone();
         eprintln!("scene wall: commanding {device}, wall at x = {} m", self.x);
         let seconds = self.seconds;
@@ -103,11 +109,18 @@ impl Wall {
                 biased;
                 incoming = client.next() => match incoming {
                     Ok(Incoming::State(state)) => {
-                        client.send_contacts(state.seq, TTL_MS, vec![self.contact()])?;
-                        commands += 1;
+                        match client.send_contacts(state.seq, TTL_MS, vec![self.contact()]) {
+                            Ok(_) => commands += 1,
+                            // Why is heard next.
+                            Err(ClientError::Lost(_)) => {}
+                            Err(error) => return Err(error.into()),
+                        }
                     }
                     Ok(Incoming::Event(_) | Incoming::RoundTrip(_)) => {}
-                    Err(ClientError::Bye { detail, .. }) => {
+                    Err(ClientError::Bye {
+                        reason: ByeReason::Done | ByeReason::Shutdown,
+                        detail,
+                    }) => {
                         eprintln!("scene wall: the server ended the session: {detail}");
                         break;
                     }

@@ -1,6 +1,6 @@
 //! `hapticd serve`: the daemon.
 
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::net::IpAddr;
 use std::path::PathBuf;
 
@@ -8,6 +8,7 @@ use anyhow::Context;
 use clap::Args;
 
 use crate::app::{Daemon, Start, init_log};
+use crate::client::ConnectString;
 use crate::config::{Overrides, ServerConfig};
 use crate::device::HandProgram;
 
@@ -26,7 +27,7 @@ pub struct Serve {
 }
 
 /// What commands that start a daemon have in common.
-#[derive(Debug, Args)]
+#[derive(Debug, Default, Args)]
 pub struct Settings {
     /// Configuration file; `hapticd config --example` prints one
     #[arg(long, value_name = "FILE")]
@@ -74,22 +75,28 @@ impl Serve {
     /// Serves until Ctrl-C or SIGTERM.
     pub fn run(self) -> anyhow::Result<()> {
         let config = self.settings.server_config()?;
-        init_log(&config.log);
+        let _logs = init_log(&config.log)?;
         let mut daemon = Daemon::start(&config, Start::default())?;
-        // Plain, alone on its line and flushed: programs read it.
-        let mut out = std::io::stdout().lock();
-        writeln!(out, "{}", daemon.connect_string())?;
-        out.flush()?;
-        drop(out);
+        announce(daemon.connect_string()).context("cannot write to stdout")?;
         tracing::info!(
             device = %daemon.host().definition().name,
             grpc = %daemon.grpc_address,
             http = %format!("http://{}/metrics", daemon.http_address),
             "serving; Ctrl-C stops"
         );
-        daemon.wait_for_signal()?;
+        daemon.wait_for_signal(None);
         tracing::info!("stopping");
         daemon.stop();
         Ok(())
+    }
+}
+
+/// Plain, alone on its line and flushed: programs read it. One that does not want it leaves
+/// the server as it is.
+fn announce(connect: &ConnectString) -> std::io::Result<()> {
+    let mut out = std::io::stdout().lock();
+    match writeln!(out, "{connect}").and_then(|()| out.flush()) {
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
+        written => written,
     }
 }

@@ -1,7 +1,9 @@
 //! What a demo shows while it runs: a picture of the device on a terminal, plain lines else.
+// Names carry frames: `p_W_m`, `v_B`.
 
 use std::time::{Duration, Instant};
 
+use nalgebra::Vector3;
 use ratatui::Frame;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyModifiers};
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -12,9 +14,9 @@ use ratatui::widgets::canvas::{Canvas, Context, Line as Stroke};
 use ratatui::widgets::{Block, Paragraph};
 
 use super::format;
-use crate::app::{Daemon, Signals};
-use crate::control::{Limit, Report};
-use crate::mechanism::Mechanism;
+use crate::app::Daemon;
+use crate::config::DeviceDefinition;
+use crate::control::{Limit, Mount, RenderedSource, Report};
 use crate::proto;
 use crate::telemetry::RunFigures;
 
@@ -30,15 +32,16 @@ const LONGEST_M: f64 = 0.25;
 /// Called between pictures; an error ends the view.
 type Check<'a> = &'a mut dyn FnMut() -> anyhow::Result<()>;
 
-/// Draws until `until`, q, Ctrl-C or a failed check.
-pub fn live(daemon: &Daemon, until: Option<Instant>, check: Check) -> anyhow::Result<()> {
+/// Draws until `until`, q, Ctrl-C, SIGTERM or a failed check.
+pub fn live(daemon: &mut Daemon, until: Option<Instant>, check: Check) -> anyhow::Result<()> {
     let mut terminal = ratatui::try_init()?;
     let result = (|| loop {
         check()?;
         let figures = daemon.figures();
         let report = daemon.host().report();
         terminal.draw(|frame| draw(frame, daemon, &report, &figures))?;
-        if until.is_some_and(|until| Instant::now() >= until) || quit_pressed()? {
+        let over = until.is_some_and(|until| Instant::now() >= until);
+        if over || quit_pressed()? || daemon.wait_for_signal(Some(Instant::now())) {
             return Ok(());
         }
     })();
@@ -61,43 +64,34 @@ fn quit_pressed() -> anyhow::Result<bool> {
     })
 }
 
-/// One line a second (on stderr when stdout is for JSON) until `until` or a signal.
+/// One line a second until `until`, Ctrl-C, SIGTERM or a failed check.
 pub fn plain(
-    daemon: &Daemon,
+    daemon: &mut Daemon,
     until: Option<Instant>,
-    quiet_stdout: bool,
+    tell: &dyn Fn(String),
     check: Check,
 ) -> anyhow::Result<()> {
-    super::runtime()?.block_on(async {
-        let mut signals = Signals::register()?;
-        loop {
-            let second = Instant::now() + Duration::from_secs(1);
-            let next = until.map_or(second, |until| until.min(second));
-            tokio::select! {
-                () = signals.received() => return Ok(()),
-                () = tokio::time::sleep_until(next.into()) => {}
-            }
-            check()?;
-            let line = line(&daemon.host().report(), &daemon.figures());
-            if quiet_stdout {
-                eprintln!("{line}")
-            } else {
-                say!("{line}")
-            }
-            if until.is_some_and(|until| Instant::now() >= until) {
-                return Ok(());
-            }
+    loop {
+        let second = Instant::now() + Duration::from_secs(1);
+        let next = until.map_or(second, |until| until.min(second));
+        if daemon.wait_for_signal(Some(next)) {
+            return Ok(());
         }
-    })
+        check()?;
+        tell(line(&daemon.host().report(), &daemon.figures()));
+        if until.is_some_and(|until| Instant::now() >= until) {
+            return Ok(());
+        }
+    }
 }
 
 fn line(report: &Report, figures: &RunFigures) -> String {
     format!(
-        "tick {:>7}  x {:.4} y {:+.4} m  hand {:>5.1} N  {:<16} wakeup p99 {:>5.0} us  next-tick {}{}",
+        "tick {:>7}  x {:.4} y {:+.4} m  hand {:>7}  {:<16} wakeup p99 {:>5.0} us  next-tick {}{}",
         report.tick,
         report.p_WT_m.x,
         report.p_WT_m.y,
-        report.hand.map_or(f64::NAN, |hand| hand.force_N.norm()),
+        report.hand.map_or("unknown".into(), |hand| format!("{:.1} N", hand.force_N.norm())),
         region_word(report),
         figures.wakeup_p99_us,
         percent(figures.command_lag_one_ratio),
@@ -117,7 +111,7 @@ fn draw(frame: &mut Frame, daemon: &Daemon, report: &Report, figures: &RunFigure
     let [picture, side] =
         Layout::horizontal([Constraint::Min(40), Constraint::Length(44)]).areas(frame.area());
     let device = daemon.host().definition();
-    draw_device(frame, picture, device.mechanism.as_ref(), report);
+    draw_device(frame, picture, device, report);
     let [forces, brakes, latency] = Layout::vertical([
         Constraint::Length(13),
         Constraint::Length(3 + device.actuator_names.len() as u16),
@@ -131,7 +125,10 @@ fn draw(frame: &mut Frame, daemon: &Daemon, report: &Report, figures: &RunFigure
     frame.render_widget(latency_panel(daemon, figures), latency);
 }
 
-fn draw_device(frame: &mut Frame, area: Rect, mechanism: &dyn Mechanism, report: &Report) {
+fn draw_device(frame: &mut Frame, area: Rect, device: &DeviceDefinition, report: &Report) {
+    let mechanism = device.mechanism.as_ref();
+    let plane = Plane(&device.mount);
+    let tool_m = plane.point(&report.p_WT_m);
     let reach_m = mechanism.reach_m().1.max(0.1);
     // Cells are about twice as high as wide; keep a metre a metre.
     let height_m = 1.1 * reach_m;
@@ -139,7 +136,7 @@ fn draw_device(frame: &mut Frame, area: Rect, mechanism: &dyn Mechanism, report:
     let width_m = height_m * aspect;
     let centre_m = [0.3 * reach_m, 0.1 * reach_m];
     let paint = |canvas: &mut Context| {
-        draw_wall(canvas, reach_m);
+        draw_wall(canvas, &plane, reach_m);
         if let Ok(posture) = mechanism.posture_at(&report.p_BH) {
             let mut segments = [([0.0; 2], [0.0; 2]); 8];
             let count = mechanism.outline(&posture, &mut segments);
@@ -147,10 +144,16 @@ fn draw_device(frame: &mut Frame, area: Rect, mechanism: &dyn Mechanism, report:
                 canvas.draw(&Stroke::new(from[0], from[1], to[0], to[1], Color::Gray));
             }
         }
-        arrow(canvas, report, &report.requested.force_N, Color::Blue);
-        arrow(canvas, report, &report.achievable.force_N, Color::Yellow);
+        let mut arrow = |force_N, color| {
+            let [x, y] = plane.vector(force_N);
+            let scale = M_PER_N.min(LONGEST_M / x.hypot(y).max(1e-9));
+            let end = [tool_m[0] + scale * x, tool_m[1] + scale * y];
+            canvas.draw(&Stroke::new(tool_m[0], tool_m[1], end[0], end[1], color));
+        };
+        arrow(&report.requested.force_N, Color::Blue);
+        arrow(&report.achievable.force_N, Color::Yellow);
         if let Some(hand) = report.hand {
-            arrow(canvas, report, &hand.force_N, Color::Red);
+            arrow(&hand.force_N, Color::Red);
         }
         canvas.print(report.p_BH.x, report.p_BH.y, "●".white().bold());
         canvas.print(0.0, 0.0, "◎".white());
@@ -171,17 +174,39 @@ fn draw_device(frame: &mut Frame, area: Rect, mechanism: &dyn Mechanism, report:
     frame.render_widget(canvas, area);
 }
 
-/// The demo's wall; the view belongs to the demo and knows its scene.
-fn draw_wall(canvas: &mut Context, reach_m: f64) {
-    let x_m = super::scene::WALL_X_M.into();
-    canvas.draw(&Stroke::new(x_m, -reach_m, x_m, reach_m, Color::Cyan));
+/// The device's plane, in which everything is drawn; forces, tool and wall are known in W.
+struct Plane<'a>(&'a Mount);
+
+impl Plane<'_> {
+    fn point(&self, p_W_m: &Vector3<f64>) -> [f64; 2] {
+        self.vector(&(p_W_m - self.0.p_WB_m))
+    }
+
+    fn vector(&self, v_W: &Vector3<f64>) -> [f64; 2] {
+        let v_B = self.0.q_WB.inverse_transform_vector(v_W);
+        [v_B.x, v_B.y]
+    }
+
+    /// Where the plane cuts `normal_W . p = offset_m`, drawn so long; `None` where it does not.
+    fn cut(&self, normal_W: &Vector3<f64>, offset_m: f64, long_m: f64) -> Option<[[f64; 2]; 2]> {
+        let [x, y] = self.vector(normal_W);
+        let length = x.hypot(y);
+        if length < 1e-6 {
+            return None;
+        }
+        let away_m = (offset_m - normal_W.dot(&self.0.p_WB_m)) / length;
+        let (x, y) = (x / length, y / length);
+        let end = |along_m: f64| [away_m * x - along_m * y, away_m * y + along_m * x];
+        Some([end(-long_m), end(long_m)])
+    }
 }
 
-fn arrow(canvas: &mut Context, report: &Report, force_N: &nalgebra::Vector3<f64>, color: Color) {
-    let length_m = (force_N.norm() * M_PER_N).min(LONGEST_M);
-    let along = force_N.try_normalize(1e-9).unwrap_or_default() * length_m;
-    let (x, y) = (report.p_BH.x, report.p_BH.y);
-    canvas.draw(&Stroke::new(x, y, x + along.x, y + along.y, color));
+/// The demo's wall; the view belongs to the demo and knows its scene.
+fn draw_wall(canvas: &mut Context, plane: &Plane, reach_m: f64) {
+    let cut = plane.cut(&Vector3::x(), super::scene::WALL_X_M.into(), reach_m);
+    if let Some([from, to]) = cut {
+        canvas.draw(&Stroke::new(from[0], from[1], to[0], to[1], Color::Cyan));
+    }
 }
 
 fn forces_panel(report: &Report) -> Paragraph<'static> {
@@ -199,7 +224,7 @@ fn forces_panel(report: &Report) -> Paragraph<'static> {
         field("hand", report.hand.map_or("unknown".into(), |hand| force(hand.force_N.norm()))),
         field("asked", force(report.requested.force_N.norm())),
         field("chosen", force(report.achievable.force_N.norm())),
-        field("felt", force(report.rendered.force_N.norm())),
+        field("felt", known(report).map_or("unknown".into(), force)),
         field("depth", format!("{:>9.3} mm", deepest_mm(report))),
         field("limits", limits(report)),
     ];
@@ -207,6 +232,12 @@ fn forces_panel(report: &Report) -> Paragraph<'static> {
         lines.push(Line::from(" STUCK".red().bold()));
     }
     Paragraph::new(lines).block(Block::bordered().title(" forces "))
+}
+
+/// How strong what was felt is, where that is known.
+fn known(report: &Report) -> Option<f64> {
+    let known = report.rendered_source != RenderedSource::Unknown;
+    known.then(|| report.rendered.force_N.norm())
 }
 
 fn deepest_mm(report: &Report) -> f64 {
@@ -256,4 +287,39 @@ fn latency_panel(daemon: &Daemon, figures: &RunFigures) -> Paragraph<'static> {
 
 fn field(name: &str, value: impl Into<String>) -> Line<'static> {
     Line::from(vec![Span::raw(format!(" {name:<12}")).dark_gray(), Span::raw(value.into())])
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::FRAC_PI_2;
+
+    use nalgebra::UnitQuaternion;
+
+    use super::*;
+    use crate::telemetry::{RoundTrips, RunSummary};
+
+    #[test]
+    fn a_wall_of_the_world_is_drawn_where_the_mounted_device_meets_it() {
+        // The device stands at x = 0.1 m and is turned by a quarter: its x is the world's y.
+        let mount = Mount {
+            p_WB_m: Vector3::new(0.1, 0.0, 0.0),
+            q_WB: UnitQuaternion::from_axis_angle(&Vector3::z_axis(), FRAC_PI_2),
+        };
+        let plane = Plane(&mount);
+        let [from, to] = plane.cut(&Vector3::x(), 0.3, 1.0).unwrap();
+        for end in [from, to] {
+            assert!((end[1] + 0.2).abs() < 1e-12 && (end[0].abs() - 1.0).abs() < 1e-12, "{end:?}");
+        }
+        let [x, y] = plane.point(&Vector3::new(0.3, 0.05, 0.0));
+        assert!((x - 0.05).abs() < 1e-12 && (y + 0.2).abs() < 1e-12, "{x} {y}");
+        assert_eq!(plane.cut(&Vector3::z(), 0.0, 1.0), None);
+    }
+
+    #[test]
+    fn what_is_not_known_is_said_to_be() {
+        assert_eq!(known(&Report::default()), None);
+        let figures = RunSummary::new(1_000_000).figures(&RoundTrips::default());
+        let text = line(&Report::default(), &figures);
+        assert!(text.contains("hand unknown") && !text.contains("NaN"), "{text}");
+    }
 }

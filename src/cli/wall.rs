@@ -88,7 +88,7 @@ struct Fields {
     #[arg(long, value_name = "MU", allow_negative_numbers = true)]
     friction: Option<f64>,
     /// A sheet, felt from both sides
-    #[arg(long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true")]
+    #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
     hollow: Option<bool>,
 }
 
@@ -137,13 +137,10 @@ impl WallCommand {
                 print(&added.into_inner(), as_json);
             }
             Action::Set { name, fields } => {
-                let listed = list(scenes, scene.clone()).await?;
-                let found = listed.0.into_iter().find(|object| object.name == full(&name));
-                let Some(mut object) = found else { bail!("there is no object {name:?}") };
+                let (mut object, scene_revision) = find(scenes, scene, &name).await?;
                 fields.apply(&mut object)?;
                 // What was read is what is changed: somebody else's edit in between is not lost.
-                let request =
-                    UpdateObjectRequest { object: Some(object), scene_revision: listed.1 };
+                let request = UpdateObjectRequest { object: Some(object), scene_revision };
                 let updated = scenes.update_object(request).await.map_err(plain)?;
                 print(&updated.into_inner(), as_json);
             }
@@ -163,7 +160,12 @@ impl WallCommand {
                 }
             }
             Action::Rm { name } => {
-                let request = DeleteObjectRequest { name: full(&name), scene_revision: 0 };
+                let (object, scene_revision) = find(scenes, scene, &name).await?;
+                if !matches!(object.kind, Some(Kind::HalfSpace(_))) {
+                    bail!("{} is not a wall; nothing was removed", object.name);
+                }
+                // What was looked at is what is removed.
+                let request = DeleteObjectRequest { name: object.name, scene_revision };
                 let revision =
                     scenes.delete_object(request).await.map_err(plain)?.into_inner().scene_revision;
                 if as_json {
@@ -175,6 +177,19 @@ impl WallCommand {
         }
         Ok(())
     }
+}
+
+/// The object of this name, and the revision of the scene that it was found in.
+async fn find(
+    scenes: &mut SceneServiceClient<Channel>,
+    scene: String,
+    name: &str,
+) -> anyhow::Result<(SceneObject, u64)> {
+    let full = format!("{scene}/objects/{name}");
+    let (objects, revision) = list(scenes, scene).await?;
+    let found = objects.into_iter().find(|object| object.name == full);
+    let Some(object) = found else { bail!("there is no object {name:?}") };
+    Ok((object, revision))
 }
 
 async fn list(

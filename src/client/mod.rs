@@ -19,6 +19,7 @@
 //! absolute and the newest wins.
 
 mod connect_string;
+mod dial;
 mod error;
 mod services;
 mod stream;
@@ -28,5 +29,5 @@ pub use connect_string::{
     ConnectString, ConnectStringError, DEFAULT_GRPC_PORT, DEFAULT_STREAM_PORT,
 };
 pub use error::ClientError;
-pub use services::{Services, services};
+pub use services::{Services, ServicesError, services, services_in_plaintext, told};
 pub use stream::{Client, Incoming, Options};

@@ -1,29 +1,25 @@
 //! The real-time stream from a client's side: State in, Commands out.
 
-use std::net::SocketAddr;
-use std::sync::Arc;
+use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use quinn::crypto::rustls::QuicClientConfig;
 use quinn::{Connection, Endpoint, RecvStream, SendStream};
 use tokio::time::{Interval, MissedTickBehavior};
 
-use super::verify::ByFingerprint;
+use super::dial::dial;
 use super::{ClientError, ConnectString};
 use crate::proto::stream_message::Body as Message;
 use crate::proto::{
     Bye, ByeReason, Command, Contact, Contacts, Event, Hello, Ping, Pong, Role, State,
     StreamMessage, Welcome, command, datagram::Body,
 };
-use crate::quic;
 use crate::wire::{self, FrameDecoder, PROTOCOL, encode_frame};
 
 /// Pings of a client: often enough for a fresh figure, too few to matter.
 const PING_INTERVAL: Duration = Duration::from_millis(100);
 
-/// TLS alert 49, `access_denied` (RFC 8446, section 6): a certificate that the application
-/// does not accept.
-const ACCESS_DENIED_ALERT: u8 = 49;
+/// Pings that may wait for their answer; one that is overtaken by so many is lost.
+const WAITING_PINGS: usize = 4096;
 
 /// How a session is asked for.
 #[derive(Clone, Debug)]
@@ -38,10 +34,12 @@ pub struct Options {
     pub command_interval: Duration,
     /// How often State is wanted; zero: every tick.
     pub state_interval: Duration,
+    /// Pings without being asked; without them only [`Client::send_ping`] sends any.
+    pub pings: bool,
 }
 
 impl Options {
-    /// Every tick's State, and commands as often.
+    /// Every tick's State, commands as often, and a few pings.
     pub fn new(client_name: impl Into<String>, role: Role) -> Self {
         Self {
             client_name: client_name.into(),
@@ -49,6 +47,7 @@ impl Options {
             device: String::new(),
             command_interval: Duration::from_millis(1),
             state_interval: Duration::ZERO,
+            pings: true,
         }
     }
 
@@ -89,21 +88,19 @@ pub struct Client {
     /// Bytes read and not yet decoded.
     chunk: bytes::Bytes,
     welcome: Welcome,
-    ping: Interval,
+    /// `None`: pings only when told to.
+    ping: Option<Interval>,
     started: Instant,
     command_seq: u64,
     ping_seq: u64,
+    /// Numbers of the pings that are not answered, with when they were sent.
+    unanswered: BTreeMap<u64, Instant>,
 }
 
 impl Client {
     /// Connects, says Hello and waits for the server's answer.
     pub async fn connect(target: &ConnectString, options: Options) -> Result<Self, ClientError> {
-        let address = resolve(target).await?;
-        let endpoint = endpoint(target, address)?;
-        let connecting = endpoint
-            .connect(address, "hapticd")
-            .map_err(|source| ClientError::Address { address, source })?;
-        let connection = connecting.await.map_err(|source| connect_error(address, source))?;
+        let (connection, endpoint) = dial(target).await?;
         let (mut send, mut receive) = connection.open_bi().await?;
         let hello = StreamMessage { body: Some(Message::Hello(options.hello())) };
         send.write_all(&encode_frame(&hello)).await?;
@@ -114,8 +111,11 @@ impl Client {
             Message::Bye(bye) => return Err(said(&bye)),
             Message::Hello(_) | Message::Event(_) => return Err(ClientError::NoWelcome),
         };
-        let mut ping = tokio::time::interval(PING_INTERVAL);
-        ping.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let ping = options.pings.then(|| {
+            let mut ping = tokio::time::interval(PING_INTERVAL);
+            ping.set_missed_tick_behavior(MissedTickBehavior::Delay);
+            ping
+        });
         Ok(Self {
             connection,
             endpoint,
@@ -128,6 +128,7 @@ impl Client {
             started: Instant::now(),
             command_seq: 0,
             ping_seq: 0,
+            unanswered: BTreeMap::new(),
         })
     }
 
@@ -139,6 +140,13 @@ impl Client {
     /// The next thing from the server. Answers and sends pings on the way, so it wants to be
     /// called all the time. Cancel safe.
     pub async fn next(&mut self) -> Result<Incoming, ClientError> {
+        match self.hear().await {
+            Err(ClientError::Lost(ended)) => self.last_words(ended).await,
+            heard => heard,
+        }
+    }
+
+    async fn hear(&mut self) -> Result<Incoming, ClientError> {
         loop {
             tokio::select! {
                 biased;
@@ -155,7 +163,20 @@ impl Client {
                         Message::Hello(_) | Message::Welcome(_) => {}
                     }
                 }
-                _ = self.ping.tick() => self.send_ping()?,
+                () = due(&mut self.ping) => self.send_ping()?,
+            }
+        }
+    }
+
+    /// What the server still said on the reliable stream before the connection ended, and
+    /// then why it ended.
+    async fn last_words(&mut self, ended: quinn::ConnectionError) -> Result<Incoming, ClientError> {
+        loop {
+            match next_message(&mut self.receive, &mut self.frames, &mut self.chunk).await {
+                Ok(Message::Event(event)) => return Ok(Incoming::Event(event)),
+                Ok(Message::Bye(bye)) => return Err(said(&bye)),
+                Ok(Message::Hello(_) | Message::Welcome(_)) => {}
+                Err(_) => return Err(ended.into()),
             }
         }
     }
@@ -211,9 +232,10 @@ impl Client {
                 }))?;
                 Ok(None)
             }
+            // One that nobody waits for, or that came before, is no answer.
             Ok(Body::Pong(pong)) => {
-                let round_trip_ns = self.now_ns().saturating_sub(pong.sent_ns);
-                Ok(Some(Incoming::RoundTrip(Duration::from_nanos(round_trip_ns))))
+                let sent = self.unanswered.remove(&pong.seq);
+                Ok(sent.map(|sent| Incoming::RoundTrip(sent.elapsed())))
             }
             // The newest wins: what cannot be read is as good as lost.
             Ok(Body::Command(_)) | Err(_) => Ok(None),
@@ -224,6 +246,10 @@ impl Client {
     pub fn send_ping(&mut self) -> Result<(), ClientError> {
         self.ping_seq += 1;
         let ping = Ping { seq: self.ping_seq, sent_ns: self.now_ns() };
+        self.unanswered.insert(self.ping_seq, Instant::now());
+        if self.unanswered.len() > WAITING_PINGS {
+            self.unanswered.pop_first();
+        }
         self.send(&Body::Ping(ping))
     }
 
@@ -239,47 +265,12 @@ fn said(bye: &Bye) -> ClientError {
     ClientError::Bye { reason: bye.reason(), detail: bye.detail.clone() }
 }
 
-/// The verifier's refusal comes back as a transport error of its certificate alert.
-fn connect_error(address: SocketAddr, source: quinn::ConnectionError) -> ClientError {
-    let refused = quinn::TransportErrorCode::crypto(ACCESS_DENIED_ALERT);
-    match &source {
-        quinn::ConnectionError::TransportError(error) if error.code == refused => {
-            ClientError::WrongServer { address }
-        }
-        _ => ClientError::Connect { address, source },
+/// Done when a ping is due.
+async fn due(ping: &mut Option<Interval>) {
+    match ping {
+        Some(ping) => drop(ping.tick().await),
+        None => std::future::pending().await,
     }
-}
-
-async fn resolve(target: &ConnectString) -> Result<SocketAddr, ClientError> {
-    let host = || target.host.clone();
-    if target.sha256.is_none() && !target.is_loopback() {
-        return Err(ClientError::HashNeeded { host: host() });
-    }
-    let mut found = tokio::net::lookup_host((target.host.as_str(), target.stream_port))
-        .await
-        .map_err(|source| ClientError::Resolve { host: host(), source })?;
-    let missing = || std::io::Error::new(std::io::ErrorKind::NotFound, "it has no address");
-    found.next().ok_or_else(|| ClientError::Resolve { host: host(), source: missing() })
-}
-
-fn endpoint(target: &ConnectString, address: SocketAddr) -> Result<Endpoint, ClientError> {
-    let provider = quic::provider();
-    let verifier = ByFingerprint { sha256: target.sha256, provider: Arc::clone(&provider) };
-    let mut tls = rustls::ClientConfig::builder_with_provider(provider)
-        .with_protocol_versions(&[&rustls::version::TLS13])?
-        .dangerous() // the hash decides, not a chain of signatures
-        .with_custom_certificate_verifier(Arc::new(verifier))
-        .with_no_client_auth();
-    tls.alpn_protocols = vec![quic::alpn()];
-    let tls = QuicClientConfig::try_from(tls)
-        .map_err(|error| ClientError::Tls(rustls::Error::General(error.to_string())))?;
-    let mut config = quinn::ClientConfig::new(Arc::new(tls));
-    config.transport_config(quic::client_transport());
-    let any: SocketAddr =
-        if address.is_ipv4() { ([0, 0, 0, 0], 0).into() } else { ([0u16; 8], 0).into() };
-    let mut endpoint = Endpoint::client(any).map_err(ClientError::Socket)?;
-    endpoint.set_default_client_config(config);
-    Ok(endpoint)
 }
 
 /// The next whole message of the reliable stream. Cancel safe: what was read is kept.

@@ -5,7 +5,7 @@
 //! Listening beyond loopback without credentials has to be asked for in so many words.
 
 use std::ffi::OsString;
-use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::net::{IpAddr, Ipv4Addr};
 use std::path::PathBuf;
 
 use serde::Deserialize;
@@ -176,11 +176,6 @@ impl ServerConfig {
         Ok(config)
     }
 
-    /// Where a service listens.
-    pub fn address(&self, port: u16) -> SocketAddr {
-        SocketAddr::new(self.listen, port)
-    }
-
     fn check_exposure(&self) -> Result<(), FieldError> {
         if self.listen.is_loopback() || self.insecure {
             return Ok(());
@@ -306,7 +301,6 @@ mod tests {
         assert_eq!(config.device, "two-link");
         assert_eq!(config.hand, HandProgram::Hold);
         assert_eq!(config.state_dir, Some("/elsewhere".into()));
-        assert_eq!(config.address(config.http_port).to_string(), "127.0.0.1:7353");
     }
 
     #[test]

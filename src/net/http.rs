@@ -1,26 +1,26 @@
 //! Plain HTTP: `/metrics` for Prometheus and `/healthz`.
 
-use std::future::Future;
 use std::sync::Arc;
 
 use axum::Router;
 use axum::http::{StatusCode, header};
 use axum::response::IntoResponse;
 use axum::routing::get;
-use tokio::net::TcpListener;
+use tokio::sync::watch;
 
+use super::Door;
 use crate::host::DeviceHost;
 use crate::telemetry::Scrape;
 
 /// Prometheus' text format.
 const TEXT_FORMAT: &str = "text/plain; version=0.0.4; charset=utf-8";
 
-/// Serves until `shutdown` is done.
+/// Serves until `stopped` is true or its sender gone.
 pub async fn serve(
-    listener: TcpListener,
+    door: Door,
     scrape: Scrape,
     host: Arc<DeviceHost>,
-    shutdown: impl Future<Output = ()> + Send + 'static,
+    mut stopped: watch::Receiver<bool>,
 ) -> std::io::Result<()> {
     let metrics = move || {
         let scrape = scrape.clone();
@@ -31,7 +31,10 @@ pub async fn serve(
         async move { health(&host) }
     };
     let router = Router::new().route("/metrics", get(metrics)).route("/healthz", get(health));
-    axum::serve(listener, router).with_graceful_shutdown(shutdown).await
+    let shutdown = async move {
+        let _ = stopped.wait_for(|stopped| *stopped).await;
+    };
+    axum::serve(door, router).with_graceful_shutdown(shutdown).await
 }
 
 /// 200 while the loop turns, 503 when it does not.

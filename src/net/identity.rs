@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 
 use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::{CertificateDer, PrivateKeyDer};
+use rustls::sign::CertifiedKey;
 
-use crate::quic::fingerprint;
+use crate::quic::{fingerprint, provider};
 
 /// One file holds both, so that they can only be replaced together.
 const FILE: &str = "identity.pem";
@@ -67,6 +68,8 @@ impl Identity {
             .map_err(|error| malformed("no certificate", &error))?;
         let key = PrivateKeyDer::from_pem_slice(pem)
             .map_err(|error| malformed("no private key", &error))?;
+        CertifiedKey::from_der(vec![certificate.clone()], key.clone_key(), &provider())
+            .map_err(|error| malformed("the key is not that of the certificate", &error))?;
         Ok(Self { certificate, key })
     }
 }
@@ -108,6 +111,18 @@ mod tests {
         let error = Identity::load_or_create(dir.path()).unwrap_err().to_string();
         assert!(error.contains("identity.pem") && error.contains("no certificate"), "{error}");
         assert_eq!(fs::read_to_string(&path).unwrap(), "rubbish");
+    }
+
+    #[test]
+    fn a_certificate_with_the_key_of_another_is_refused_by_its_path() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join(FILE);
+        let (one, other) = (generate().unwrap(), generate().unwrap());
+        let key = other.find("-----BEGIN PRIVATE").unwrap();
+        let certificate = &one[..one.find("-----BEGIN PRIVATE").unwrap()];
+        fs::write(&path, format!("{certificate}{}", &other[key..])).unwrap();
+        let error = Identity::load_or_create(dir.path()).unwrap_err().to_string();
+        assert!(error.contains(path.to_str().unwrap()) && error.contains("the key is"), "{error}");
     }
 
     #[cfg(unix)]

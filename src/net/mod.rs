@@ -5,11 +5,13 @@
 //! anything: the stream asks [`crate::session`], the services ask [`crate::host`].
 //! It never sees the real-time thread.
 
+mod door;
 mod grpc;
 mod http;
 mod identity;
 mod stream;
 
+pub use door::Door;
 pub use grpc::serve as serve_grpc;
 pub use http::serve as serve_http;
 pub use identity::{Identity, IdentityError};

@@ -8,7 +8,7 @@ use metrics::{Counter, Gauge, Histogram};
 
 use super::registry::Telemetry;
 use super::table;
-use crate::control::{Fault, Limit, Mode, Record, Report};
+use crate::control::{Event, Limit, Mode, Record, Report};
 use crate::rt::Right;
 use crate::session::{Counters, Outcome, Role, StaleReason, Transport};
 
@@ -34,7 +34,6 @@ pub struct DeviceMetrics {
     limits: Vec<Counter>,
     last_tick: u64,
     last_mode: Mode,
-    last_fault: Option<Fault>,
 }
 
 impl DeviceMetrics {
@@ -63,7 +62,6 @@ impl DeviceMetrics {
             limits: counters(&table::LIMIT_TICKS),
             last_tick: 0,
             last_mode: Mode::default(),
-            last_fault: None,
         };
         metrics.show_mode(Mode::default());
         metrics
@@ -96,10 +94,10 @@ impl DeviceMetrics {
             self.last_mode = report.mode;
             self.show_mode(report.mode);
         }
-        if report.fault != self.last_fault {
-            self.last_fault = report.fault;
-            if let Some(fault) = report.fault {
-                self.faults[fault as usize].increment(1);
+        // The event and not the state: cleared and latched again in between is a fault, too.
+        for event in report.events.iter().flatten() {
+            if let Event::Fault(fault) = event {
+                self.faults[*fault as usize].increment(1);
             }
         }
         if report.command_new && report.command_lag_ticks > 0 {
@@ -193,7 +191,7 @@ fn seconds(ns: u64) -> f64 {
 mod tests {
     use super::*;
     use crate::actuation::Region;
-    use crate::control::{DeviceError, Limits};
+    use crate::control::{DeviceError, Fault, Limits};
 
     fn sample(telemetry: &Telemetry, series: &str) -> f64 {
         let text = telemetry.scrape().render();
@@ -297,9 +295,10 @@ mod tests {
     fn a_fault_counts_once_each_time_it_latches() {
         let telemetry = Telemetry::new().unwrap();
         let mut device = telemetry.device("d");
-        for fault in [None, Some(Fault::Closure), Some(Fault::Closure), None, Some(Fault::Closure)]
-        {
-            let report = Report { fault, ..Report::default() };
+        // Cleared after the third tick, and back in the fourth.
+        for latched in [false, true, false, true, false] {
+            let mut report = Report { fault: Some(Fault::Closure), ..Report::default() };
+            report.events[0] = latched.then_some(Event::Fault(Fault::Closure));
             device.observe(&Record { report, ..Record::default() });
         }
         let series = "hapticd_faults_total{device=\"d\",fault=\"closure\"}";

@@ -6,6 +6,8 @@ use std::path::Path;
 use std::process::Command;
 
 use hapticd::config::BUILT_IN;
+use hapticd::proto::scene_object::Kind;
+use hapticd::proto::{ConstantField, CreateObjectRequest, SceneObject, Vector3};
 use serde_json::Value;
 
 use super::support::{Finished, Rig, config_file, finish, hapticd, run};
@@ -288,6 +290,23 @@ fn ctl_edits_walls_and_shows_the_state() {
     assert_eq!(json(&ctl(&["wall", "list"]).ok()), empty);
 
     ctl(&["wall", "rm", "table"]).refused(&["there is no object \"table\""]);
+    let sheet = ["wall", "add", "--hollow", "sheet", "--point", "0.5,0,0", "--normal=-1,0,0"];
+    let sheet = json(&ctl(&sheet).ok());
+    assert_eq!((&sheet["hollow"], &sheet["revision"]), (&true.into(), &5.into()));
+    assert_eq!(json(&ctl(&["wall", "set", "sheet", "--hollow=false"]).ok())["hollow"], false);
+    rig.run(async {
+        let field = ConstantField { force_n: Some(Vector3 { x: 0.0, y: 1.0, z: 0.0 }) };
+        let object = SceneObject { kind: Some(Kind::Constant(field)), ..SceneObject::default() };
+        let request = CreateObjectRequest {
+            parent: "devices/cho-2005/scene".into(),
+            object_id: "push".into(),
+            object: Some(object),
+            scene_revision: 0,
+        };
+        rig.services().await.scenes.create_object(request).await.unwrap();
+    });
+    ctl(&["wall", "rm", "push"]).refused(&["objects/push is not a wall", "nothing was removed"]);
+    assert_eq!(number(&json(&ctl(&["wall", "list"]).ok()), "scene_revision"), 7.0);
     let negative = ["wall", "add", "bad", "--point", "0,0,0", "--normal=1,0,0", "--stiffness=-1"];
     ctl(&negative).refused(&["object.material.stiffness_n_per_m = -1", "0 to 1000000000 N/m"]);
     assert_eq!(json(&ctl(&["stop"]).ok())["mode"], "stopped");

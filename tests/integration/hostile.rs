@@ -13,11 +13,11 @@ use hapticd::proto::{
 use hapticd::quic;
 use hapticd::wire::{self, FrameDecoder, MAX_COMMAND_BYTES, PROTOCOL, encode_frame};
 use quinn::crypto::rustls::QuicClientConfig;
-use quinn::{Connection, Endpoint, RecvStream, SendStream};
+use quinn::{Connection, ConnectionError, Endpoint, RecvStream, SendStream, TransportConfig};
 use rustls::pki_types::CertificateDer;
 use rustls::pki_types::pem::PemObject;
 
-use super::support::{Rig, wait_until, wall_at};
+use super::support::{Rig, next_state, wait_until, wall_at};
 
 /// A connection, and the reliable stream on it.
 struct Bare {
@@ -31,6 +31,10 @@ struct Bare {
 
 impl Bare {
     async fn connect(rig: &Rig) -> Self {
+        Self::with(rig, quic::client_transport()).await
+    }
+
+    async fn with(rig: &Rig, transport: Arc<TransportConfig>) -> Self {
         let pem = std::fs::read(rig.state_dir().join("identity.pem")).unwrap();
         let mut roots = rustls::RootCertStore::empty();
         roots.add(CertificateDer::from_pem_slice(&pem).unwrap()).unwrap();
@@ -42,7 +46,7 @@ impl Bare {
         tls.alpn_protocols = vec![quic::alpn()];
         let tls = QuicClientConfig::try_from(tls).unwrap();
         let mut config = quinn::ClientConfig::new(Arc::new(tls));
-        config.transport_config(quic::client_transport());
+        config.transport_config(transport);
         let endpoint = Endpoint::client(([127, 0, 0, 1], 0).into()).unwrap();
         let address = (std::net::Ipv4Addr::LOCALHOST, rig.target().stream_port).into();
         let connecting = endpoint.connect_with(config, address, "hapticd").unwrap();
@@ -211,6 +215,39 @@ fn datagrams_before_hello_do_nothing() {
         let Message::Welcome(_) = bare.hear().await else { panic!("no Welcome") };
         let state = bare.state_after(0).await;
         assert_eq!((state.command_seq, state.contact_id.len()), (0, 0));
+    });
+}
+
+#[test]
+fn a_client_that_takes_nothing_is_let_go_while_the_others_go_on() {
+    let rig = Rig::start();
+    rig.run(async {
+        let mut witness = rig.client("witness", Role::Controller).await;
+        let mut narrow = TransportConfig::default();
+        // Room for less than a Welcome, and nothing is read.
+        narrow.stream_receive_window(16u32.into());
+        let mut bare = Bare::with(&rig, Arc::new(narrow)).await;
+        bare.say(Message::Hello(Hello {
+            versions: vec![PROTOCOL.into()],
+            role: Role::Observer.into(),
+            ..Hello::default()
+        }))
+        .await;
+        let mut answered = 0;
+        let ended = loop {
+            tokio::select! {
+                ended = bare.connection.closed() => break ended,
+                state = next_state(&mut witness) => {
+                    witness.send_contacts(state.seq, 100, vec![wall_at(0.29)]).unwrap();
+                    answered += 1;
+                }
+            }
+        };
+        let ConnectionError::ApplicationClosed(close) = ended else { panic!("{ended}") };
+        assert_eq!((close.error_code, &close.reason[..]), (2u32.into(), &b"you do not read"[..]));
+        let state = next_state(&mut witness).await;
+        assert!(state.command_seq > 0 && answered > 0, "{answered} commands");
+        witness.close().await;
     });
 }
 

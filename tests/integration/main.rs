@@ -9,6 +9,8 @@ mod hostile;
 #[cfg(feature = "net")]
 mod metrics;
 #[cfg(feature = "net")]
+mod patience;
+#[cfg(feature = "net")]
 mod persistence;
 #[cfg(feature = "net")]
 mod refusals;

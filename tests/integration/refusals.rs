@@ -158,6 +158,10 @@ fn an_edit_of_what_is_not_there_or_not_as_it_was_is_refused() {
         let request = DeleteObjectRequest { name: name.clone(), scene_revision: 1 };
         expect(scenes.delete_object(request).await, Code::Aborted, stale);
 
+        let object = Some(named("Chair", good()));
+        let request = UpdateObjectRequest { object, scene_revision: 0 };
+        let words = "object.name = \"devices/cho-2005/scene/objects/Chair\": must be 1 to 63";
+        expect(scenes.update_object(request).await, Code::InvalidArgument, words);
         let object = Some(named("chair", good()));
         let request = UpdateObjectRequest { object, scene_revision: 0 };
         expect(scenes.update_object(request).await, Code::NotFound, "\"chair\"");

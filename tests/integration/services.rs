@@ -179,7 +179,7 @@ fn a_fault_latches_until_it_is_cleared_and_comes_back_with_its_cause() {
         let cleared = devices.clear_fault(ClearFaultRequest { name: name() }).await.unwrap();
         assert_eq!(cleared.get_ref().mode(), Mode::Disabled);
         let faults = "hapticd_faults_total{device=\"coarse\",fault=\"closure\"}";
-        wait_until("the fault again", || rig.scrape().value(faults) >= 1.0);
+        wait_until("the fault again", || rig.scrape().value(faults) >= 2.0);
         let mut observer = rig.client("observer", Role::Observer).await;
         state_where(&mut observer, |state| state.mode() == Mode::Fault).await;
     });

@@ -273,11 +273,29 @@ pub fn wait(child: &mut Child) -> ExitStatus {
     }
 }
 
+/// The first line, waited for no longer than anything else.
+pub fn first_line(from: impl Read + Send + 'static) -> Option<String> {
+    let (found, line) = std::sync::mpsc::channel();
+    std::thread::spawn(move || {
+        let mut line = String::new();
+        let read = BufReader::new(from).read_line(&mut line);
+        // Nobody listens any more when it comes too late.
+        let _ = found.send(read.map(|_| line));
+    });
+    line.recv_timeout(PATIENCE).ok()?.ok()
+}
+
 fn text(file: &mut File) -> String {
     let mut text = String::new();
     file.rewind().unwrap();
     file.read_to_string(&mut text).unwrap();
     text
+}
+
+/// Sends a signal to a child.
+pub fn send(child: &Child, signal: Signal) {
+    let pid = Pid::from_raw(child.id().try_into().unwrap()).unwrap();
+    kill_process(pid, signal).unwrap();
 }
 
 /// `hapticd serve` in a process of its own.
@@ -291,16 +309,18 @@ pub struct Server {
 impl Server {
     /// Serves with its state in `state`; returns when it has printed where it is.
     pub fn start(state: &Path) -> Self {
-        let mut stderr = tempfile::tempfile().unwrap();
+        let stderr = tempfile::tempfile().unwrap();
         let mut command = hapticd();
         command.args(["serve", "--config"]).arg(config_file(state, ""));
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(stderr.try_clone().unwrap());
         let mut child = command.spawn().unwrap();
-        let mut line = String::new();
-        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        let printed = first_line(child.stdout.take().unwrap());
+        let mut server = Self { child, stderr, connect: ConnectString::local(0, 0) };
+        let line = printed.unwrap_or_else(|| panic!("silent: {}", text(&mut server.stderr)));
         let connect = line.trim_end().parse();
-        let connect = connect.unwrap_or_else(|error| panic!("{error}: {}", text(&mut stderr)));
-        Self { child, stderr, connect }
+        server.connect =
+            connect.unwrap_or_else(|error| panic!("{error}: {}", text(&mut server.stderr)));
+        server
     }
 
     /// `kill -9`.
@@ -311,8 +331,7 @@ impl Server {
 
     /// Sends a signal and waits for the end; the exit code and what was logged.
     pub fn end_by(mut self, signal: Signal) -> (Option<i32>, String) {
-        let pid = Pid::from_raw(self.child.id().try_into().unwrap()).unwrap();
-        kill_process(pid, signal).unwrap();
+        send(&self.child, signal);
         let status = wait(&mut self.child);
         (status.code(), text(&mut self.stderr))
     }

@@ -63,8 +63,7 @@ pub fn object_to_proto(host: &DeviceHost, object: &SceneObject) -> proto::SceneO
 }
 
 /// An object that somebody wrote, checked.
-pub fn object_from_proto(id: &str, object: &proto::SceneObject) -> Result<SceneObject, FieldError> {
-    let id = Id::parse("object_id", id)?;
+pub fn object_from_proto(id: Id, object: &proto::SceneObject) -> Result<SceneObject, FieldError> {
     let kind = match &object.kind {
         None => {
             let one_of = "one of half_space, sphere, constant, viscous is required";

@@ -3,14 +3,15 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use tokio::sync::mpsc;
+use tokio::sync::{Semaphore, mpsc, watch};
+use tokio::time::{Instant, MissedTickBehavior, interval, sleep};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status};
 
-use super::{blocking, convert, field_status, names};
+use super::{Lane, convert, field_status, names};
 use crate::actuation::ActuatorKind;
 use crate::config::Id;
-use crate::control::ModeCommand;
+use crate::control::{ModeCommand, Report};
 use crate::host::DeviceHost;
 use crate::proto::device_service_server::DeviceService;
 use crate::proto::{
@@ -29,12 +30,31 @@ const DEFAULT_INTERVAL_MS: u32 = 100;
 /// States that may wait for a slow reader before it is skipped.
 const WAITING_STATES: usize = 4;
 
+/// Watches at a time.
+const MAX_WATCHES: usize = 64;
+
+/// Reports come a few milliseconds after their tick; one that stays away so long does not come.
+const NO_REPORT: Duration = Duration::from_millis(250);
+
+/// Between two looks for a report.
+const PAUSE: Duration = Duration::from_millis(1);
+
 /// The service.
 pub struct Devices {
-    pub host: Arc<DeviceHost>,
+    host: Arc<DeviceHost>,
+    modes: Lane,
+    stops: Lane,
+    watches: Arc<Semaphore>,
+    stopped: watch::Receiver<bool>,
 }
 
 impl Devices {
+    /// Of one device; watches end when `stopped` is true or its sender gone.
+    pub fn new(host: Arc<DeviceHost>, stopped: watch::Receiver<bool>) -> Self {
+        let watches = Arc::new(Semaphore::new(MAX_WATCHES));
+        Self { host, modes: Lane::default(), stops: Lane::default(), watches, stopped }
+    }
+
     async fn change(
         &self,
         name: &str,
@@ -42,10 +62,24 @@ impl Devices {
     ) -> Result<Response<DeviceMode>, Status> {
         names::expect_device(&self.host, "name", name)?;
         let host = Arc::clone(&self.host);
-        let mode = blocking(move || host.change_mode(command)).await?;
+        let lane = if command == ModeCommand::Stop { &self.stops } else { &self.modes };
+        let mode = lane.run(move || host.change_mode(command)).await?;
         tracing::info!(?command, ?mode, "mode");
         let name = names::device(&self.host);
         Ok(Response::new(DeviceMode { name, mode: proto::Mode::from(mode).into() }))
+    }
+}
+
+/// The newest report, never one from before something that was acknowledged, unless the loop
+/// has stopped reporting.
+async fn report(host: &DeviceHost) -> Report {
+    let deadline = Instant::now() + NO_REPORT;
+    loop {
+        let report = host.report();
+        if host.is_current(&report) || Instant::now() >= deadline {
+            return report;
+        }
+        sleep(PAUSE).await;
     }
 }
 
@@ -59,7 +93,7 @@ impl DeviceService for Devices {
             name: names::device(&self.host),
             mechanism: self.host.definition().mechanism.name().to_owned(),
             simulated: true,
-            mode: proto::Mode::from(self.host.report().mode).into(),
+            mode: proto::Mode::from(report(&self.host).await.mode).into(),
         };
         Ok(Response::new(ListDevicesResponse { devices: vec![device] }))
     }
@@ -77,7 +111,7 @@ impl DeviceService for Devices {
         request: Request<GetStateRequest>,
     ) -> Result<Response<DeviceState>, Status> {
         names::expect_device(&self.host, "name", &request.get_ref().name)?;
-        Ok(Response::new(convert::state_to_proto(&self.host, &self.host.report())))
+        Ok(Response::new(convert::state_to_proto(&self.host, &report(&self.host).await)))
     }
 
     type WatchStateStream = ReceiverStream<Result<DeviceState, Status>>;
@@ -94,18 +128,25 @@ impl DeviceService for Devices {
             return Err(field_status(&FieldError::new("interval_ms", interval_ms, allowed)));
         }
         let interval_ms = if interval_ms == 0 { DEFAULT_INTERVAL_MS } else { interval_ms };
+        let Ok(place) = Arc::clone(&self.watches).try_acquire_owned() else {
+            let full = format!("{MAX_WATCHES} watches are open already; end one of them");
+            return Err(Status::resource_exhausted(full));
+        };
         let (states, watched) = mpsc::channel(WAITING_STATES);
-        let host = Arc::clone(&self.host);
+        let (host, mut stopped) = (Arc::clone(&self.host), self.stopped.clone());
         tokio::spawn(async move {
-            let mut interval = tokio::time::interval(Duration::from_millis(interval_ms.into()));
-            interval.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+            let _place = place;
+            let mut interval = interval(Duration::from_millis(interval_ms.into()));
+            interval.set_missed_tick_behavior(MissedTickBehavior::Delay);
             loop {
                 tokio::select! {
                     _ = interval.tick() => {}
                     () = states.closed() => return,
+                    _ = stopped.wait_for(|stopped| *stopped) => return,
                 }
                 // A slow reader misses states; it never makes old ones pile up.
-                let _ = states.try_send(Ok(convert::state_to_proto(&host, &host.report())));
+                let state = convert::state_to_proto(&host, &report(&host).await);
+                let _ = states.try_send(Ok(state));
             }
         });
         Ok(Response::new(ReceiverStream::new(watched)))

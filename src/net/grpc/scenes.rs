@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use tonic::{Request, Response, Status};
 
-use super::{blocking, convert, field_status, names, scene_status};
+use super::{Lane, convert, field_status, names, scene_status};
+use crate::config::{Id, Scene as KeptScene, SceneError};
 use crate::host::DeviceHost;
 use crate::proto::scene_service_server::SceneService;
 use crate::proto::{
@@ -17,21 +18,31 @@ use crate::units::FieldError;
 
 /// The service.
 pub struct Scenes {
-    pub host: Arc<DeviceHost>,
+    host: Arc<DeviceHost>,
+    edits: Lane,
 }
 
 impl Scenes {
+    pub fn new(host: Arc<DeviceHost>) -> Self {
+        Self { host, edits: Lane::default() }
+    }
+
+    /// Makes an edit in its turn; returns what it returned and the scene then.
+    async fn edit<T: Send + 'static>(
+        &self,
+        edit: impl FnOnce(&mut KeptScene) -> Result<T, SceneError> + Send + 'static,
+    ) -> Result<(T, Arc<KeptScene>), Status> {
+        let host = Arc::clone(&self.host);
+        self.edits.run(move || host.edit_scene(edit)).await
+    }
+
     fn objects(&self) -> (u64, Vec<SceneObject>) {
         let scene = self.host.scene();
         let objects = scene.list().map(|object| convert::object_to_proto(&self.host, object));
         (scene.revision(), objects.collect())
     }
 
-    fn read(
-        &self,
-        id: &str,
-        scene: &crate::config::Scene,
-    ) -> Result<Response<SceneObject>, Status> {
+    fn read(&self, id: &str, scene: &KeptScene) -> Result<Response<SceneObject>, Status> {
         let object = scene.get(id).map_err(|error| scene_status(&error))?;
         Ok(Response::new(convert::object_to_proto(&self.host, object)))
     }
@@ -77,12 +88,10 @@ impl SceneService for Scenes {
             request.into_inner();
         names::expect_scene(&self.host, "parent", &parent)?;
         let object = object.ok_or_else(missing_object)?;
-        let object =
-            convert::object_from_proto(&object_id, &object).map_err(|e| field_status(&e))?;
+        let id = Id::parse("object_id", &object_id).map_err(|e| field_status(&e))?;
+        let object = convert::object_from_proto(id, &object).map_err(|e| field_status(&e))?;
         let expected = NonZeroU64::new(scene_revision);
-        let host = Arc::clone(&self.host);
-        let (_, scene) =
-            blocking(move || host.edit_scene(|scene| scene.create(object, expected))).await?;
+        let (_, scene) = self.edit(move |scene| scene.create(object, expected)).await?;
         self.read(&object_id, &scene)
     }
 
@@ -93,11 +102,14 @@ impl SceneService for Scenes {
         let UpdateObjectRequest { object, scene_revision } = request.into_inner();
         let object = object.ok_or_else(missing_object)?;
         let id = names::object_id(&self.host, "object.name", &object.name)?.to_owned();
-        let object = convert::object_from_proto(&id, &object).map_err(|e| field_status(&e))?;
+        let parsed = Id::parse("object.name", &id).map_err(|error| {
+            // The whole name is what was written; the rule is that of its last part.
+            let value = format!("{:?}", object.name);
+            field_status(&FieldError { value, ..error })
+        })?;
+        let object = convert::object_from_proto(parsed, &object).map_err(|e| field_status(&e))?;
         let expected = NonZeroU64::new(scene_revision);
-        let host = Arc::clone(&self.host);
-        let (_, scene) =
-            blocking(move || host.edit_scene(|scene| scene.update(object, expected))).await?;
+        let (_, scene) = self.edit(move |scene| scene.update(object, expected)).await?;
         self.read(&id, &scene)
     }
 
@@ -108,9 +120,7 @@ impl SceneService for Scenes {
         let DeleteObjectRequest { name, scene_revision } = request.into_inner();
         let id = names::object_id(&self.host, "name", &name)?.to_owned();
         let expected = NonZeroU64::new(scene_revision);
-        let host = Arc::clone(&self.host);
-        let (scene_revision, _) =
-            blocking(move || host.edit_scene(|scene| scene.delete(&id, expected))).await?;
+        let (scene_revision, _) = self.edit(move |scene| scene.delete(&id, expected)).await?;
         Ok(Response::new(DeleteObjectResponse { scene_revision }))
     }
 }

@@ -1,0 +1,79 @@
+//! From a connect string to a QUIC connection: every address of the host, one after the other.
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+
+use quinn::crypto::rustls::QuicClientConfig;
+use quinn::{Connection, Endpoint};
+
+use super::verify::ByFingerprint;
+use super::{ClientError, ConnectString};
+use crate::quic;
+
+/// TLS alert 49, `access_denied` (RFC 8446, section 6): a certificate that the application
+/// does not accept.
+const ACCESS_DENIED_ALERT: u8 = 49;
+
+/// A connection with the endpoint that drives it. Where no address of the host answers, the
+/// last one's error.
+pub async fn dial(target: &ConnectString) -> Result<(Connection, Endpoint), ClientError> {
+    let host = || target.host.clone();
+    if target.sha256.is_none() && !target.is_loopback() {
+        return Err(ClientError::HashNeeded { host: host() });
+    }
+    let addresses = tokio::net::lookup_host((target.host.as_str(), target.stream_port))
+        .await
+        .map_err(|source| ClientError::Resolve { host: host(), source })?;
+    let missing = std::io::Error::new(std::io::ErrorKind::NotFound, "it has no address");
+    let mut failed = ClientError::Resolve { host: host(), source: missing };
+    for address in addresses {
+        match try_one(target, address).await {
+            Ok(connected) => return Ok(connected),
+            Err(error) => failed = error,
+        }
+    }
+    Err(failed)
+}
+
+async fn try_one(
+    target: &ConnectString,
+    address: SocketAddr,
+) -> Result<(Connection, Endpoint), ClientError> {
+    let endpoint = endpoint(target, address)?;
+    let connecting = endpoint
+        .connect(address, "hapticd")
+        .map_err(|source| ClientError::Address { address, source })?;
+    let connection = connecting.await.map_err(|source| connect_error(address, source))?;
+    Ok((connection, endpoint))
+}
+
+/// The verifier's refusal comes back as a transport error of its certificate alert.
+fn connect_error(address: SocketAddr, source: quinn::ConnectionError) -> ClientError {
+    let refused = quinn::TransportErrorCode::crypto(ACCESS_DENIED_ALERT);
+    match &source {
+        quinn::ConnectionError::TransportError(error) if error.code == refused => {
+            ClientError::WrongServer { address }
+        }
+        _ => ClientError::Connect { address, source },
+    }
+}
+
+fn endpoint(target: &ConnectString, address: SocketAddr) -> Result<Endpoint, ClientError> {
+    let provider = quic::provider();
+    let verifier = ByFingerprint { sha256: target.sha256, provider: Arc::clone(&provider) };
+    let mut tls = rustls::ClientConfig::builder_with_provider(provider)
+        .with_protocol_versions(&[&rustls::version::TLS13])?
+        .dangerous() // the hash decides, not a chain of signatures
+        .with_custom_certificate_verifier(Arc::new(verifier))
+        .with_no_client_auth();
+    tls.alpn_protocols = vec![quic::alpn()];
+    let tls = QuicClientConfig::try_from(tls)
+        .map_err(|error| ClientError::Tls(rustls::Error::General(error.to_string())))?;
+    let mut config = quinn::ClientConfig::new(Arc::new(tls));
+    config.transport_config(quic::client_transport());
+    let any: SocketAddr =
+        if address.is_ipv4() { ([0, 0, 0, 0], 0).into() } else { ([0u16; 8], 0).into() };
+    let mut endpoint = Endpoint::client(any).map_err(ClientError::Socket)?;
+    endpoint.set_default_client_config(config);
+    Ok(endpoint)
+}

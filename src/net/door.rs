@@ -1,0 +1,297 @@
+//! A TCP listener with a bounded number of connections, none of which may be silent for long.
+//!
+//! Whoever connects and says nothing, speaks one byte a minute, or takes no answer costs a
+//! place for seconds, not for ever: a connection has [`FIRST_WORDS`] to begin and [`QUIET`]
+//! from one answer to the next. Keeping alive what is idle is the business of the protocol
+//! above (HTTP/2 pings are answers, too). Where places run out, a newcomer takes that of the
+//! one who has been silent longest from the beginning, or waits. Where file descriptors run
+//! out, the listener sleeps; it never spins.
+
+use std::collections::VecDeque;
+use std::io;
+use std::net::SocketAddr;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::task::{Context, Poll};
+use std::time::Duration;
+
+use rustix::process::{Resource, getrlimit};
+use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc, oneshot};
+use tokio::time::{Instant, Sleep};
+use tokio_stream::wrappers::ReceiverStream;
+use tonic::transport::server::Connected;
+
+/// Most connections at a time: more than people, dashboards and scripts of one laboratory.
+const MOST: u64 = 128;
+
+/// Fewest, however few files this process may have open.
+const FEWEST: u64 = 4;
+
+/// Files that the rest of the daemon needs: sockets, timers, the scene on its way to disk.
+const OTHER_FILES: u64 = 40;
+
+/// Time for the first byte.
+const FIRST_WORDS: Duration = Duration::from_secs(3);
+
+/// Time from one answer to the next; twice what a scraper usually waits between two looks.
+const QUIET: Duration = Duration::from_secs(30);
+
+/// Pause after the system had no connection to give (too many open files, no memory).
+const RECOVERY: Duration = Duration::from_millis(100);
+
+/// Between two complaints about the same.
+const COMPLAINTS: Duration = Duration::from_secs(10);
+
+/// The listener.
+#[derive(Debug)]
+pub struct Door {
+    listener: TcpListener,
+    places: Arc<Semaphore>,
+    /// Sends those away who have not said anything yet, the oldest first.
+    silent: VecDeque<oneshot::Sender<()>>,
+    complained: Option<Instant>,
+}
+
+impl Door {
+    /// A bound listener, inside a runtime.
+    pub fn new(listener: std::net::TcpListener) -> io::Result<Self> {
+        Self::with(listener, most(getrlimit(Resource::Nofile).current))
+    }
+
+    fn with(listener: std::net::TcpListener, most: usize) -> io::Result<Self> {
+        listener.set_nonblocking(true)?;
+        Ok(Self {
+            listener: TcpListener::from_std(listener)?,
+            places: Arc::new(Semaphore::new(most)),
+            silent: VecDeque::new(),
+            complained: None,
+        })
+    }
+
+    /// The next connection, once there is a place for it. Cancelled, it may lose one that
+    /// waits for its place.
+    pub async fn accept(&mut self) -> (Visitor, SocketAddr) {
+        loop {
+            match self.listener.accept().await {
+                Ok((stream, address)) => {
+                    let place = self.place().await;
+                    let (away, leave) = oneshot::channel();
+                    self.silent.push_back(away);
+                    return (Visitor::new(stream, place, leave), address);
+                }
+                // That client has gone again.
+                Err(error) if error.kind() == io::ErrorKind::ConnectionAborted => {}
+                Err(error) => {
+                    if self.may_complain() {
+                        tracing::warn!(%error, "cannot accept a connection");
+                    }
+                    tokio::time::sleep(RECOVERY).await;
+                }
+            }
+        }
+    }
+
+    async fn place(&mut self) -> OwnedSemaphorePermit {
+        self.silent.retain(|away| !away.is_closed());
+        if let Ok(place) = Arc::clone(&self.places).try_acquire_owned() {
+            return place;
+        }
+        let sent_away = self.silent.pop_front().is_some_and(|away| away.send(()).is_ok());
+        if !sent_away && self.may_complain() {
+            tracing::warn!("every connection is in use, another one has to wait");
+        }
+        Arc::clone(&self.places).acquire_owned().await.expect("the semaphore is never closed")
+    }
+
+    fn may_complain(&mut self) -> bool {
+        let now = Instant::now();
+        let may = self.complained.is_none_or(|last| now - last >= COMPLAINTS);
+        if may {
+            self.complained = Some(now);
+        }
+        may
+    }
+
+    /// The connections as a stream, for tonic. A task of its own accepts them; it ends, and
+    /// the port is free, when the stream is dropped.
+    pub fn visitors(mut self) -> ReceiverStream<io::Result<Visitor>> {
+        let (visitors, stream) = mpsc::channel(1);
+        tokio::spawn(async move {
+            while let Ok(room) = visitors.reserve().await {
+                tokio::select! {
+                    (visitor, _) = self.accept() => room.send(Ok(visitor)),
+                    () = visitors.closed() => return,
+                }
+            }
+        });
+        ReceiverStream::new(stream)
+    }
+}
+
+/// Connections for one of two listeners, of the files that may be open.
+fn most(files: Option<u64>) -> usize {
+    let spare = files.unwrap_or(u64::MAX).saturating_sub(OTHER_FILES);
+    (spare / 3).clamp(FEWEST, MOST) as usize
+}
+
+impl axum::serve::Listener for Door {
+    type Io = Visitor;
+    type Addr = SocketAddr;
+
+    async fn accept(&mut self) -> (Visitor, SocketAddr) {
+        Self::accept(self).await
+    }
+
+    fn local_addr(&self) -> io::Result<SocketAddr> {
+        self.listener.local_addr()
+    }
+}
+
+/// A connection with its place; reading and writing fail once it has been quiet too long.
+#[derive(Debug)]
+pub struct Visitor {
+    stream: TcpStream,
+    until: Pin<Box<Sleep>>,
+    /// Until its first byte: ready when its place is wanted for another.
+    leave: Option<oneshot::Receiver<()>>,
+    _place: OwnedSemaphorePermit,
+}
+
+impl Visitor {
+    fn new(stream: TcpStream, place: OwnedSemaphorePermit, leave: oneshot::Receiver<()>) -> Self {
+        // Answers are small; one that waits to be joined by another only comes late.
+        let _ = stream.set_nodelay(true);
+        let until = Box::pin(tokio::time::sleep(FIRST_WORDS));
+        Self { stream, until, leave: Some(leave), _place: place }
+    }
+
+    fn extend(&mut self) {
+        self.until.as_mut().reset(Instant::now() + QUIET);
+    }
+
+    /// Instead of waiting on: an error when its time is over.
+    fn wait<T>(&mut self, cx: &mut Context<'_>) -> Poll<io::Result<T>> {
+        let wanted = self.leave.as_mut().map(|leave| Pin::new(leave).poll(cx));
+        let wanted = matches!(wanted, Some(Poll::Ready(Ok(()))));
+        if wanted || self.until.as_mut().poll(cx).is_ready() {
+            let quiet = io::Error::new(io::ErrorKind::TimedOut, "quiet for too long");
+            return Poll::Ready(Err(quiet));
+        }
+        Poll::Pending
+    }
+
+    fn written(
+        &mut self,
+        cx: &mut Context<'_>,
+        written: Poll<io::Result<usize>>,
+    ) -> Poll<io::Result<usize>> {
+        match written {
+            Poll::Pending => self.wait(cx),
+            Poll::Ready(Ok(_)) if self.leave.is_none() => {
+                self.extend();
+                written
+            }
+            Poll::Ready(_) => written,
+        }
+    }
+}
+
+impl AsyncRead for Visitor {
+    fn poll_read(
+        mut self: Pin<&mut Self>,
+        cx: &mut Context<'_>,
+        buffer: &mut ReadBuf<'_>,
+    ) -> Poll<io::Result<()>> {
+        let before = buffer.filled().len();
+        let read = Pin::new(&mut self.stream).poll_read(cx, buffer);
+        if read.is_pending() {
+            return self.wait(cx);
+        }
+        if self.leave.is_some() && buffer.filled().len() > before {
+            self.leave = None;
+            self.extend();
+        }
+        read
+    }
+}
+
+impl AsyncWrite for Visitor {
+    fn poll_write(
+        mut self: Pin<&mut Self>,
+        cx: &mut Context<'_>,
+        bytes: &[u8],
+    ) -> Poll<io::Result<usize>> {
+        let written = Pin::new(&mut self.stream).poll_write(cx, bytes);
+        self.written(cx, written)
+    }
+
+    fn poll_write_vectored(
+        mut self: Pin<&mut Self>,
+        cx: &mut Context<'_>,
+        parts: &[io::IoSlice<'_>],
+    ) -> Poll<io::Result<usize>> {
+        let written = Pin::new(&mut self.stream).poll_write_vectored(cx, parts);
+        self.written(cx, written)
+    }
+
+    fn is_write_vectored(&self) -> bool {
+        self.stream.is_write_vectored()
+    }
+
+    fn poll_flush(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.stream).poll_flush(cx)
+    }
+
+    fn poll_shutdown(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.stream).poll_shutdown(cx)
+    }
+}
+
+impl Connected for Visitor {
+    type ConnectInfo = ();
+
+    fn connect_info(&self) {}
+}
+
+#[cfg(test)]
+mod tests {
+    use tokio::io::{AsyncReadExt, AsyncWriteExt};
+
+    use super::*;
+
+    #[test]
+    fn few_open_files_leave_few_places_and_never_none() {
+        for (files, places) in [(None, 128), (Some(1 << 20), 128), (Some(64), 8), (Some(20), 4)] {
+            assert_eq!(most(files), places, "{files:?}");
+        }
+    }
+
+    #[test]
+    fn a_newcomer_takes_the_place_of_the_silent_and_waits_for_those_who_speak() {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        runtime.block_on(async {
+            let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+            let mut door = Door::with(listener, 1).unwrap();
+            let address = door.listener.local_addr().unwrap();
+            let _silent = TcpStream::connect(address).await.unwrap();
+            let (mut silent, _) = door.accept().await;
+            let silent = tokio::spawn(async move { silent.read_u8().await });
+            let mut second = TcpStream::connect(address).await.unwrap();
+            let (mut inside, from) = door.accept().await;
+            assert_eq!(from, second.local_addr().unwrap());
+            let sent_away = silent.await.unwrap().unwrap_err();
+            assert_eq!(sent_away.kind(), io::ErrorKind::TimedOut);
+            second.write_all(b"x").await.unwrap();
+            assert_eq!(inside.read_u8().await.unwrap(), b'x');
+
+            let third = TcpStream::connect(address).await.unwrap();
+            let waiting = tokio::spawn(async move { door.accept().await.1 });
+            tokio::time::sleep(Duration::from_millis(50)).await;
+            assert!(!waiting.is_finished(), "the second has spoken");
+            drop(inside);
+            assert_eq!(waiting.await.unwrap(), third.local_addr().unwrap());
+        });
+    }
+}
