@@ -1,29 +1,23 @@
-//! Round trip of a Ping through a whole daemon, beside bare echoes: promises 3 and 4.
+//! Round trip of a Ping through a whole daemon, beside bare echoes: promise 4.
 //!
 //! Three ways take turns in short blocks of one run, in changing order, so that whatever else
 //! the machine does meets all of them: a tokio UDP echo, a quinn datagram echo with the
 //! transport settings of hapticd, and `hapticd` itself with its loop running. Every way has
-//! one `current_thread` runtime at each end, the same payload and the same pace. Then a
-//! controller answers every State at once, alone and beside seven observers, and the daemon
-//! tells in how many ticks a command computed from the State of the tick before was in force.
+//! one `current_thread` runtime at each end, the same payload and the same pace.
 
 mod echo;
 mod measure;
 
-use std::sync::mpsc;
-use std::thread;
 use std::time::Duration;
 
-use anyhow::Context;
 use echo::{QuicEcho, UdpEcho, Way};
 use hapticd::app::{Daemon, Start};
 use hapticd::client::{Client, ConnectString, Incoming, Options};
 use hapticd::config::ServerConfig;
-use hapticd::proto::{Contact, HalfSpaceContact, Role, contact};
-use hapticd::telemetry::RunFigures;
-use measure::{Series, print_table, quick, rounds};
+use hapticd::proto::Role;
+use measure::{Series, print_table, rounds};
 use tokio::runtime::Runtime;
-use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until, timeout_at};
+use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
 
 /// Between two pings: 500 Hz.
 const PACE: Duration = Duration::from_millis(2);
@@ -39,22 +33,9 @@ const LOST: Duration = Duration::from_millis(200);
 const SELDOM: Duration = Duration::from_secs(1);
 
 fn main() -> anyhow::Result<()> {
-    round_trips()?;
-    let seconds = if quick() { 1 } else { 10 };
-    println!("commands computed from the State of the tick before, {seconds} s each:");
-    for sessions in [1, 8] {
-        let figures = answering(sessions, Duration::from_secs(seconds))?;
-        let share = 100.0 * figures.command_lag_one_ratio.context("nothing was commanded")?;
-        println!(
-            "  {sessions} session(s): {share:.2} % of ticks, {} commands lost; wake-up p99 {:.0} us, tick p99 {:.1} us, {} of {} ticks overrun",
-            figures.commands_lost,
-            figures.wakeup_p99_us,
-            figures.tick_p99_us,
-            figures.overruns,
-            figures.ticks,
-        );
-    }
-    Ok(())
+    let (daemon, _state) = daemon()?;
+    let target = daemon.connect_string().clone();
+    runtime()?.block_on(take_turns(&target))
 }
 
 fn daemon() -> anyhow::Result<(Daemon, tempfile::TempDir)> {
@@ -71,12 +52,6 @@ fn daemon() -> anyhow::Result<(Daemon, tempfile::TempDir)> {
 
 fn runtime() -> anyhow::Result<Runtime> {
     Ok(tokio::runtime::Builder::new_current_thread().enable_all().build()?)
-}
-
-fn round_trips() -> anyhow::Result<()> {
-    let (daemon, _state) = daemon()?;
-    let target = daemon.connect_string().clone();
-    runtime()?.block_on(take_turns(&target))
 }
 
 async fn take_turns(target: &ConnectString) -> anyhow::Result<()> {
@@ -158,66 +133,5 @@ impl Way for Hapticd {
                 return Ok(time);
             }
         }
-    }
-}
-
-/// A daemon with one controller and, for the rest of `sessions`, observers of every tick.
-fn answering(sessions: usize, time: Duration) -> anyhow::Result<RunFigures> {
-    let (daemon, _state) = daemon()?;
-    let target = daemon.connect_string().clone();
-    let (ready, started) = mpsc::channel();
-    let mut threads = Vec::new();
-    for _ in 1..sessions {
-        let (target, ready) = (target.clone(), ready.clone());
-        threads.push(thread::spawn(move || runtime()?.block_on(observe(&target, time, ready))));
-    }
-    drop(ready);
-    let observers = started.iter().take(sessions - 1).count();
-    anyhow::ensure!(observers == sessions - 1, "only {observers} observers got in");
-    let controller = thread::spawn(move || runtime()?.block_on(control(&target, time)));
-    for thread in threads.into_iter().chain([controller]) {
-        thread.join().map_err(|_| anyhow::anyhow!("a client panicked"))??;
-    }
-    Ok(daemon.stop())
-}
-
-async fn observe(
-    target: &ConnectString,
-    time: Duration,
-    ready: mpsc::Sender<()>,
-) -> anyhow::Result<()> {
-    let mut client = Client::connect(target, Options::new("observer", Role::Observer)).await?;
-    ready.send(())?;
-    // Longer than the controller: its last tick has all its company.
-    let over = Instant::now() + time + LOST;
-    while let Ok(incoming) = timeout_at(over, client.next()).await {
-        incoming?;
-    }
-    client.close().await;
-    Ok(())
-}
-
-async fn control(target: &ConnectString, time: Duration) -> anyhow::Result<()> {
-    let mut client = Client::connect(target, Options::new("controller", Role::Controller)).await?;
-    let over = Instant::now() + time;
-    while let Ok(incoming) = timeout_at(over, client.next()).await {
-        if let Incoming::State(state) = incoming? {
-            client.send_contacts(state.seq, 100, vec![wall()])?;
-        }
-    }
-    client.close().await;
-    Ok(())
-}
-
-fn wall() -> Contact {
-    Contact {
-        id: 1,
-        revision: 1,
-        shape: Some(contact::Shape::HalfSpace(HalfSpaceContact {
-            point_m: vec![0.3, 0.0, 0.0],
-            normal: vec![-1.0, 0.0, 0.0],
-        })),
-        stiffness_n_per_m: 1e7,
-        ..Contact::default()
     }
 }

@@ -134,6 +134,15 @@ impl Daemon {
         summary.figures(&self.round_trips)
     }
 
+    /// The figures since the start or since this was last called, which then begin anew: a
+    /// measurement can leave out what came before it.
+    pub fn take_figures(&self) -> RunFigures {
+        let summary = self.feed.summary.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let figures = summary.figures(&self.round_trips);
+        self.round_trips.clear();
+        figures
+    }
+
     /// Waits for Ctrl-C or SIGTERM, at most until `until`; true when one has come. One that
     /// came since the start counts.
     pub fn wait_for_signal(&mut self, until: Option<Instant>) -> bool {

@@ -78,6 +78,11 @@ impl RoundTrips {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).saturating_record(rtt_ns);
     }
 
+    /// As if there had been none.
+    pub fn clear(&self) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clear();
+    }
+
     /// A quantile, microseconds; `None` before the first.
     pub fn quantile_us(&self, quantile: f64) -> Option<f64> {
         let histogram = self.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -176,6 +181,14 @@ impl RunSummary {
         if let Some(region) = report.region {
             self.regions[region as usize] += 1;
         }
+    }
+
+    /// What there is so far; this summary begins anew. The controller goes on: the commands it
+    /// sent before are not lost ones of the next figures.
+    pub fn take(&mut self) -> Self {
+        let commanded = Commanded { last_seq: self.commanded.last_seq, ..Commanded::default() };
+        let anew = Self { tick_s: self.tick_s, commanded, ..Self::new(0) };
+        std::mem::replace(self, anew)
     }
 
     /// The figures so far.
@@ -377,6 +390,29 @@ mod tests {
         let held = Report { command_seq: 6, ..Report::default() };
         let found = figures([applied(2), applied(3), applied(6), held, applied(1), applied(2)]);
         assert_eq!(found.commands_lost, 3, "1, 4 and 5; a new controller begins again at 1");
+    }
+
+    #[test]
+    fn figures_that_begin_anew_know_nothing_of_before_but_the_last_command() {
+        let tick = |command_seq, wakeup_lateness_ns| {
+            let report = Report {
+                command_seq,
+                command_new: true,
+                command_lag_ticks: 1,
+                ..Report::default()
+            };
+            Record { report, wakeup_lateness_ns, overrun: true, ..Record::default() }
+        };
+        let mut summary = RunSummary::new(1_000_000);
+        summary.observe(&tick(40, 900_000));
+        let before = summary.take().figures(&RoundTrips::default());
+        assert_eq!((before.ticks, before.overruns, before.commands_lost), (1, 1, 39));
+        assert_eq!(summary.figures(&RoundTrips::default()).ticks, 0);
+        summary.observe(&tick(42, 10_000));
+        let after = summary.take().figures(&RoundTrips::default());
+        assert_eq!((after.ticks, after.overruns, after.commands_lost), (1, 1, 1));
+        assert_eq!(after.command_lag_one_ratio, Some(1.0));
+        assert!(after.wakeup_p999_us < 11.0, "{}", after.wakeup_p999_us);
     }
 
     #[test]
