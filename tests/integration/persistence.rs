@@ -26,7 +26,7 @@ const SCENE_FILE: &str = "devices/cho-2005/scene.toml";
 const WRITERS: usize = 3;
 
 /// Servers that are killed one after another.
-const LIVES: u64 = 10;
+const LIVES: u64 = 100;
 
 fn wall(id: &str, x_m: f64) -> SceneObject {
     let point_m = Some(Vector3 { x: x_m, y: 0.0, z: 0.0 });
