@@ -75,7 +75,10 @@ fn reports(count: usize) -> Vec<Report> {
 }
 
 fn one_controller() -> (Sessions, SessionId) {
-    let mut sessions = Sessions::new(SessionConfig::new("cho-2005", TICK_NS, 2, 4));
+    let mut sessions = Sessions::new(SessionConfig {
+        max_age_ms: u32::MAX,
+        ..SessionConfig::new("cho-2005", TICK_NS, 2, 4)
+    });
     let id = sessions.connect(Transport::Quic, 0).expect("room for one");
     let hello = Hello {
         versions: vec![wire::PROTOCOL.into()],
@@ -120,7 +123,7 @@ fn commands(sessions: &mut Sessions, id: SessionId, count: usize, contacts: usiz
         bytes = encoded.len();
         decode.time(|| Datagram::decode(black_box(&encoded[..])).is_ok());
         let taken = setpoint.time(|| {
-            sessions.on_datagram(id, black_box(&encoded), u64::MAX / 2);
+            sessions.on_datagram(id, black_box(&encoded), 1_000_000_000);
             sessions.poll_output()
         });
         assert!(matches!(taken, Some(Output::Setpoint(_))), "every command is taken");
@@ -146,10 +149,11 @@ fn next_command(contacts: usize) -> Command {
     Command {
         seq,
         client_time_ns: seq * TICK_NS,
-        state_seq: 1,
+        state_seq: 0,
         ttl_ms: 100,
         body: Some(command::Body::Contacts(Contacts {
             contacts: (0..contacts).map(wall).collect(),
         })),
+        ..Command::default()
     }
 }

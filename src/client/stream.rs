@@ -10,8 +10,9 @@ use super::dial::dial;
 use super::{ClientError, ConnectString};
 use crate::proto::stream_message::Body as Message;
 use crate::proto::{
-    Bye, ByeReason, Command, Contact, Contacts, Event, Hello, Ping, Pong, Role, State,
-    StreamMessage, Welcome, command, datagram::Body,
+    Ack, Bye, ByeReason, Command, Contact, Contacts, Event, ForceFieldCommand, HandTarget, Hello,
+    Ping, Pong, Role, State, StreamMessage, Welcome, Workspace, WrenchCommand, command,
+    datagram::Body,
 };
 use crate::wire::{self, FrameDecoder, PROTOCOL, encode_frame};
 
@@ -36,6 +37,12 @@ pub struct Options {
     pub state_interval: Duration,
     /// Pings without being asked; without them only [`Client::send_ping`] sends any.
     pub pings: bool,
+    /// A controller takes the lease from whoever holds it.
+    pub takeover: bool,
+    /// State carries every actuator.
+    pub detail: bool,
+    /// How the client's world lies over the device's; `None`: they are one.
+    pub workspace: Option<Workspace>,
 }
 
 impl Options {
@@ -48,6 +55,9 @@ impl Options {
             command_interval: Duration::from_millis(1),
             state_interval: Duration::ZERO,
             pings: true,
+            takeover: false,
+            detail: false,
+            workspace: None,
         }
     }
 
@@ -61,6 +71,9 @@ impl Options {
             command_interval_us: us(self.command_interval),
             state_interval_us: us(self.state_interval),
             max_datagram_bytes: 0,
+            takeover: self.takeover,
+            detail: self.detail,
+            workspace: self.workspace.clone(),
         }
     }
 }
@@ -95,6 +108,8 @@ pub struct Client {
     ping_seq: u64,
     /// Numbers of the pings that are not answered, with when they were sent.
     unanswered: BTreeMap<u64, Instant>,
+    /// The newest event that came on the stream; what is acknowledged.
+    event_id: u64,
 }
 
 impl Client {
@@ -129,6 +144,7 @@ impl Client {
             command_seq: 0,
             ping_seq: 0,
             unanswered: BTreeMap::new(),
+            event_id: 0,
         })
     }
 
@@ -157,7 +173,10 @@ impl Client {
                 }
                 message = next_message(&mut self.receive, &mut self.frames, &mut self.chunk) => {
                     match message? {
-                        Message::Event(event) => return Ok(Incoming::Event(event)),
+                        Message::Event(event) => {
+                            self.saw(event.id)?;
+                            return Ok(Incoming::Event(event));
+                        }
                         Message::Bye(bye) => return Err(said(&bye)),
                         // A server that repeats itself does no harm.
                         Message::Hello(_) | Message::Welcome(_) => {}
@@ -189,21 +208,88 @@ impl Client {
         ttl_ms: u32,
         contacts: Vec<Contact>,
     ) -> Result<u64, ClientError> {
+        self.send_command(state_seq, ttl_ms, command::Body::Contacts(Contacts { contacts }))
+    }
+
+    /// Sends a force (3 numbers), or force and moment (6), about the tool point.
+    pub fn send_wrench(
+        &mut self,
+        state_seq: u64,
+        ttl_ms: u32,
+        wrench: Vec<f32>,
+    ) -> Result<u64, ClientError> {
+        self.send_command(state_seq, ttl_ms, command::Body::Wrench(WrenchCommand { wrench }))
+    }
+
+    /// Sends a force field that the device renders at its own rate.
+    pub fn send_force_field(
+        &mut self,
+        state_seq: u64,
+        ttl_ms: u32,
+        field: ForceFieldCommand,
+    ) -> Result<u64, ClientError> {
+        self.send_command(state_seq, ttl_ms, command::Body::ForceField(field))
+    }
+
+    /// Says that the workspace is lifted off the device; any other command sets it down.
+    pub fn send_clutched(&mut self, state_seq: u64, ttl_ms: u32) -> Result<u64, ClientError> {
+        let clutched = Command { clutched: true, state_seq, ttl_ms, ..Command::default() };
+        self.number_and_send(clutched)
+    }
+
+    fn send_command(
+        &mut self,
+        state_seq: u64,
+        ttl_ms: u32,
+        body: command::Body,
+    ) -> Result<u64, ClientError> {
+        let command = Command { state_seq, ttl_ms, body: Some(body), ..Command::default() };
+        self.number_and_send(command)
+    }
+
+    fn number_and_send(&mut self, command: Command) -> Result<u64, ClientError> {
         self.command_seq += 1;
-        let command = Command {
+        self.send(&Body::Command(Command {
             seq: self.command_seq,
             client_time_ns: self.now_ns(),
-            state_seq,
-            ttl_ms,
-            body: Some(command::Body::Contacts(Contacts { contacts })),
-        };
-        self.send(&Body::Command(command))?;
+            event_ack: self.event_id,
+            ..command
+        }))?;
         Ok(self.command_seq)
     }
 
-    /// This client's clock, as it stands in `Command.client_time_ns`.
+    /// Pulls the handle of a simulated device there, or lets go; for role hand.
+    pub fn send_hand(
+        &mut self,
+        position_m: [f32; 3],
+        held: bool,
+        buttons: u32,
+    ) -> Result<u64, ClientError> {
+        self.command_seq += 1;
+        self.send(&Body::HandTarget(HandTarget {
+            seq: self.command_seq,
+            position_m: position_m.to_vec(),
+            held,
+            buttons,
+            client_time_ns: self.now_ns(),
+        }))?;
+        Ok(self.command_seq)
+    }
+
+    /// Acknowledges an event that came on the stream. What rides in State alone is left to
+    /// come on the stream as well.
+    fn saw(&mut self, event_id: u64) -> Result<(), ClientError> {
+        if event_id > self.event_id {
+            self.event_id = event_id;
+            self.send(&Body::Ack(Ack { event_id }))?;
+        }
+        Ok(())
+    }
+
+    /// This client's clock, as it stands in `Command.client_time_ns`; never 0, which would
+    /// say that it has none.
     pub fn now_ns(&self) -> u64 {
-        u64::try_from(self.started.elapsed().as_nanos()).unwrap_or(u64::MAX)
+        u64::try_from(self.started.elapsed().as_nanos()).unwrap_or(u64::MAX).max(1)
     }
 
     /// Says Bye and waits until the server has it.
@@ -238,7 +324,7 @@ impl Client {
                 Ok(sent.map(|sent| Incoming::RoundTrip(sent.elapsed())))
             }
             // The newest wins: what cannot be read is as good as lost.
-            Ok(Body::Command(_)) | Err(_) => Ok(None),
+            Ok(Body::Command(_) | Body::HandTarget(_) | Body::Ack(_)) | Err(_) => Ok(None),
         }
     }
 

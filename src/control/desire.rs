@@ -7,7 +7,7 @@
 
 use nalgebra::Vector3;
 
-use super::{ContactResult, Estimate, Limit, Limits, Plan};
+use super::{ContactResult, Estimate, Limit, Limits, Plan, Wrench};
 use crate::actuation::{Capability, WallDemand};
 use crate::environment::{Constraint, Desired, MAX_CONSTRAINTS, Source, Tool};
 use crate::notation::PlaneVector;
@@ -27,7 +27,7 @@ pub struct Request {
     count: usize,
     /// The raw request in W.
     pub raw_W_N: Vector3<f64>,
-    /// What the controller's contacts ask after clipping; a fading command starts from it.
+    /// Sum of what the controller asks after clipping; a fading command starts from it.
     pub controller_N: f64,
     /// Each surface, as far as it is known before the actuators are asked.
     pub contacts: [ContactResult; MAX_CONSTRAINTS],
@@ -50,31 +50,38 @@ impl Request {
 
     /// What `desired` asks, where and of whom `asking` says.
     pub fn from_desired(desired: &Desired, asking: &Asking) -> Self {
-        let mut request = Self { raw_W_N: desired.soft_W_N, ..Self::default() };
+        let share = asking.controller_share(desired);
+        let raw_W_N = desired.soft_W_N + asking.controller.force_N;
+        let mut request = Self { raw_W_N, ..Self::default() };
+        // Clipped by itself as walls are, so that the sum of what is asked is a true one.
+        let (in_plane_N, clipped_N) = asking.soft_N(&asking.controller.force_N);
+        let granted = if in_plane_N > clipped_N { share * clipped_N / in_plane_N } else { share };
+        let mut soft_W_N = desired.soft_W_N + asking.controller.force_N * granted;
+        request.controller_N = clipped_N * share;
+        request.limits.set(Limit::Force, in_plane_N > clipped_N);
         request.limits.set(Limit::Constraints, desired.left_out > 0);
-        let mut soft_W_N = desired.soft_W_N;
         for constraint in desired.constraints() {
-            let friction_W_N = request.add(constraint, asking);
+            let share = if constraint.source == Source::Controller { share } else { 1.0 };
+            let friction_W_N = request.add(constraint, share, asking);
             request.raw_W_N += friction_W_N;
             soft_W_N += friction_W_N;
         }
         let (soft_BH_N, across_N) = asking.plan.W_to_plane(&soft_W_N);
-        request.limits.set(Limit::Freedom, across_N.abs() > 1e-6);
+        let turned = asking.controller.moment_Nm != Vector3::zeros();
+        request.limits.set(Limit::Freedom, across_N.abs() > 1e-6 || turned);
         request.soft_BH_N = soft_BH_N;
         request.clip_total(asking);
         request
     }
 
-    /// Adds one surface and returns its friction, in W.
-    fn add(&mut self, constraint: &Constraint, asking: &Asking) -> Vector3<f64> {
+    /// Adds a share of one surface and returns its friction, in W.
+    fn add(&mut self, constraint: &Constraint, share: f64, asking: &Asking) -> Vector3<f64> {
         let v_W_m_per_s = &asking.tool.v_WT_m_per_s;
         let raw_N = constraint.demand_N(v_W_m_per_s);
         self.raw_W_N += raw_N * constraint.normal_W;
-        let of_controller = constraint.source == Source::Controller;
-        let granted_N = if of_controller { raw_N.min(asking.controller_cap_N) } else { raw_N };
-        let normal_N = self.add_wall(constraint, granted_N, asking);
-        if of_controller {
-            self.controller_N = self.controller_N.max(normal_N);
+        let normal_N = self.add_wall(constraint, raw_N, share, asking);
+        if constraint.source == Source::Controller {
+            self.controller_N += normal_N;
         }
         let load_N = asking.pressing_N(constraint).map_or(normal_N, |n| n.min(normal_N));
         let friction_W_N = friction_W_N(constraint, v_W_m_per_s, load_N);
@@ -89,17 +96,23 @@ impl Request {
         friction_W_N
     }
 
-    /// Adds a surface's part in the plane; returns its normal force after clipping.
-    fn add_wall(&mut self, constraint: &Constraint, granted_N: f64, asking: &Asking) -> f64 {
+    /// Adds a share of a surface's part in the plane; returns its normal force after clipping.
+    fn add_wall(
+        &mut self,
+        constraint: &Constraint,
+        raw_N: f64,
+        share: f64,
+        asking: &Asking,
+    ) -> f64 {
         let (normal, across) = asking.plan.W_to_plane(&constraint.normal_W);
         let in_plane = normal.norm();
         self.limits.set(Limit::Freedom, across.abs() > LEAST_IN_PLANE);
-        if in_plane <= LEAST_IN_PLANE || granted_N <= 0.0 {
+        if in_plane <= LEAST_IN_PLANE || raw_N * share <= 0.0 {
             return 0.0;
         }
         let most_N = asking.most_N(&normal);
-        self.limits.set(Limit::Force, granted_N * in_plane > most_N);
-        let force_N = (granted_N * in_plane).min(most_N);
+        self.limits.set(Limit::Force, raw_N * in_plane > most_N);
+        let force_N = (raw_N * in_plane).min(most_N) * share;
         self.walls[self.count] = WallDemand { normal: normal / in_plane, force_N };
         self.count += 1;
         force_N / in_plane
@@ -110,14 +123,30 @@ impl Request {
         let most_N = asking.most_N(&total);
         if total.norm() > most_N * (1.0 + 1e-12) {
             self.limits.set(Limit::Force, true);
-            let share = most_N / total.norm();
-            self.soft_BH_N *= share;
-            self.walls[..self.count].iter_mut().for_each(|wall| wall.force_N *= share);
-            self.controller_N *= share;
-            for contact in &mut self.contacts[..self.contact_count] {
-                contact.normal_N *= share;
-                contact.friction_N *= share;
-            }
+            self.scale(most_N / total.norm());
+        }
+    }
+
+    /// Sum of the lengths of everything asked of the actuators, newtons.
+    pub fn total_N(&self) -> f64 {
+        self.walls().iter().map(|wall| wall.force_N).sum::<f64>() + self.soft_BH_N.norm()
+    }
+
+    /// Scales everything so that its sum is at most this.
+    pub fn cap(&mut self, most_N: f64) {
+        let total_N = self.total_N();
+        if total_N > most_N {
+            self.scale(most_N / total_N);
+        }
+    }
+
+    fn scale(&mut self, share: f64) {
+        self.soft_BH_N *= share;
+        self.walls[..self.count].iter_mut().for_each(|wall| wall.force_N *= share);
+        self.controller_N *= share;
+        for contact in &mut self.contacts[..self.contact_count] {
+            contact.normal_N *= share;
+            contact.friction_N *= share;
         }
     }
 }
@@ -133,7 +162,9 @@ pub struct Asking<'a> {
     pub plan: &'a Plan,
     /// What its actuators can do.
     pub capability: &'a Capability,
-    /// Most that the controller's contacts may ask.
+    /// The soft part of what the controller asks, in W.
+    pub controller: Wrench,
+    /// Most that the controller may ask in sum.
     pub controller_cap_N: f64,
 }
 
@@ -142,6 +173,37 @@ impl Asking<'_> {
     /// what the device could give at all.
     fn most_N(&self, direction: &PlaneVector) -> f64 {
         self.plan.guards.force_limit_N.min(self.capability.range_N(direction))
+    }
+
+    /// What is left of everything that the controller asks so that its sum, after clipping,
+    /// is within the cap: a fade keeps its directions, whatever its parts are.
+    fn controller_share(&self, desired: &Desired) -> f64 {
+        if self.controller_cap_N.is_infinite() {
+            return 1.0;
+        }
+        let constraints = desired.constraints().iter();
+        let of_controller =
+            constraints.filter(|constraint| constraint.source == Source::Controller);
+        let walls_N: f64 = of_controller.map(|constraint| self.normal_N(constraint)).sum();
+        let sum_N = walls_N + self.soft_N(&self.controller.force_N).1;
+        if sum_N > self.controller_cap_N { self.controller_cap_N / sum_N } else { 1.0 }
+    }
+
+    /// Normal force of a surface after clipping.
+    fn normal_N(&self, constraint: &Constraint) -> f64 {
+        let (normal, _) = self.plan.W_to_plane(&constraint.normal_W);
+        let (in_plane, raw_N) = (normal.norm(), constraint.demand_N(&self.tool.v_WT_m_per_s));
+        if in_plane <= LEAST_IN_PLANE {
+            return 0.0;
+        }
+        (raw_N * in_plane).min(self.most_N(&normal)) / in_plane
+    }
+
+    /// Length of a soft force in the plane, and after clipping.
+    fn soft_N(&self, force_W_N: &Vector3<f64>) -> (f64, f64) {
+        let (in_plane_N, _) = self.plan.W_to_plane(force_W_N);
+        let raw_N = in_plane_N.norm();
+        (raw_N, raw_N.min(self.most_N(&in_plane_N)))
     }
 
     /// How hard the hand presses into a surface, where that is known.

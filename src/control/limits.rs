@@ -18,12 +18,21 @@ pub enum Limit {
     Freedom,
     /// More contacts touch than constraints can be kept.
     Constraints,
+    /// The controller's workspace is lifted off the device: nothing is rendered.
+    Clutch,
 }
 
 impl Limit {
     /// Every limit, in the order of its bit.
-    pub const ALL: [Self; 6] =
-        [Self::Torque, Self::Force, Self::Slew, Self::Stale, Self::Freedom, Self::Constraints];
+    pub const ALL: [Self; 7] = [
+        Self::Torque,
+        Self::Force,
+        Self::Slew,
+        Self::Stale,
+        Self::Freedom,
+        Self::Constraints,
+        Self::Clutch,
+    ];
 
     /// The name used in metrics.
     pub fn name(self) -> &'static str {
@@ -34,6 +43,7 @@ impl Limit {
             Self::Stale => "stale",
             Self::Freedom => "freedom",
             Self::Constraints => "constraints",
+            Self::Clutch => "clutch",
         }
     }
 }

@@ -39,4 +39,6 @@ pub use state::ControlState;
 pub use tick::{Decision, TickInput, tick};
 
 #[cfg(test)]
+mod fade_tests;
+#[cfg(test)]
 mod passivity_tests;

@@ -12,7 +12,7 @@ use rand_chacha::ChaCha8Rng;
 use super::*;
 use crate::actuation::Strategy;
 use crate::config::{DeviceDefinition, Scene, build_plan};
-use crate::environment::{Contact, Element, Material, SceneItem, Shape, Surface};
+use crate::environment::{Contact, Element, ForceField, Material, SceneItem, Shape, Surface};
 use crate::mechanism::Mechanism;
 use crate::notation::PlaneVector;
 
@@ -95,7 +95,24 @@ fn any_setpoint(rng: &mut ChaCha8Rng, tick: u64, now_ns: u64) -> Setpoint {
     let contacts: Vec<_> = (0..rng.random_range(0..=8))
         .map(|id| Contact { id, revision: rng.random_range(0..5), surface: any_surface(rng) })
         .collect();
-    setpoint.with_contacts(&contacts)
+    setpoint.clutched = rng.random_bool(0.1);
+    if rng.random_bool(0.7) {
+        setpoint.with_contacts(&contacts)
+    } else {
+        setpoint.with_field(any_field(rng))
+    }
+}
+
+fn any_field(rng: &mut ChaCha8Rng) -> ForceField {
+    let mut vector = |size: f64| Vector3::from_fn(|_, _| rng.random_range(-size..size));
+    ForceField {
+        origin_W_m: vector(0.6),
+        force_W_N: vector(50.0),
+        moment_W_Nm: vector(1.0),
+        stiffness_N_per_m: nalgebra::Matrix3::from_fn(|_, _| rng.random_range(-1e4..1e4)),
+        damping_Ns_per_m: nalgebra::Matrix3::from_fn(|_, _| rng.random_range(-1e3..1e3)),
+        radius_m: if rng.random_bool(0.5) { f64::INFINITY } else { rng.random_range(0.0..0.5) },
+    }
 }
 
 fn any_sample(rng: &mut ChaCha8Rng, plan: &Plan, at: &PlaneVector) -> Result<Sample, DeviceError> {

@@ -1,7 +1,7 @@
 //! What a tick remembers for the next one. Bounded, plain, owned by the real-time thread.
 
 use super::estimate::Estimator;
-use super::stale::Authority;
+use super::stale::{Authority, Before};
 use super::{ActuatorCommands, ContactResult, Event, Fault, Mode, ModeCommand, ModeRefusal};
 use super::{Plan, RELEASED, Report};
 use crate::actuation::StuckDetector;
@@ -25,7 +25,8 @@ pub struct ControlState {
     pub(super) contacts: ContactStates,
     /// Epoch and number of the command last in force.
     pub(super) command: (u64, u64),
-    pub(super) controller_N: f64,
+    /// What was asked in the last tick.
+    pub(super) before: Before,
     pub(super) soft_BH_N: PlaneVector,
     pub(super) commands: ActuatorCommands,
     pub(super) last: Report,
@@ -45,13 +46,13 @@ impl ControlState {
             mode,
             fault: None,
             estimator: Estimator::default(),
-            authority: Authority::Gone,
+            authority: Authority::default(),
             stuck: StuckDetector::default(),
             was_stuck: false,
             scene: Box::new([SurfaceState::default(); MAX_OBJECTS]),
             contacts: ContactStates::default(),
             command: (0, 0),
-            controller_N: 0.0,
+            before: Before::default(),
             soft_BH_N: PlaneVector::zeros(),
             commands: RELEASED,
             last: Report::default(),

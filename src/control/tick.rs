@@ -4,6 +4,8 @@ use nalgebra::UnitQuaternion;
 
 use super::desire::{Asking, Request, proxy_W_m};
 use super::estimate::Estimate;
+use super::stale::Before;
+use super::state::ContactStates;
 use super::{
     ActuatorCommands, ControlState, DeviceError, Event, Fault, Limit, Limits, Mode, Plan,
     RenderedSource, Report, Sample, Setpoint, Wrench, guard, values_Nm,
@@ -11,7 +13,7 @@ use super::{
 use crate::actuation::{
     ActuatorKind, Bounds, Capability, Handle, Outcome, ShaftMotion, allocate, approximation_angle,
 };
-use crate::environment::{Desired, Tool};
+use crate::environment::{Desired, SurfaceState, Tool};
 use crate::notation::{ActuatorVector, PlaneVector};
 
 /// What one tick is given.
@@ -176,26 +178,40 @@ fn desire(
     capability: &Capability,
     input: &TickInput,
 ) -> (Desired, Request) {
-    let ramp_ns = input.plan.guards.stale_ramp_ns;
-    if state.authority.advance(input.setpoint, input.now_ns, ramp_ns, state.controller_N) {
+    let (setpoint, ramp_ns) = (input.setpoint, input.plan.guards.stale_ramp_ns);
+    let change = state.authority.advance(setpoint, input.now_ns, ramp_ns, state.before);
+    if change.ran_out {
         state.events.push(Event::Stale);
     }
+    if change.returned {
+        state.contacts = ContactStates::default();
+    }
     let controller_cap_N = state.authority.cap_N(input.now_ns, ramp_ns);
+    let clutch_cap_N = state.authority.clutch_cap_N(input.now_ns, ramp_ns);
     let mut desired = Desired::default();
     for item in &input.plan.scene {
         if let Some(surface) = state.scene.get_mut(usize::from(item.slot)) {
-            desired.add_item(item, surface, tool);
+            if change.declutched {
+                *surface = SurfaceState::default();
+            }
+            if clutch_cap_N > 0.0 {
+                desired.add_item(item, surface, tool);
+            }
         }
     }
     let live = controller_cap_N > 0.0;
-    let contacts = input.setpoint.contacts().filter(|_| live);
-    state.contacts.follow(input.setpoint.epoch, contacts);
-    for (contact, surface) in input.setpoint.contacts().zip(state.contacts.iter_mut()) {
+    let contacts = setpoint.contacts().filter(|_| live);
+    state.contacts.follow(setpoint.epoch, contacts);
+    for (contact, surface) in setpoint.contacts().zip(state.contacts.iter_mut()) {
         desired.add_contact(contact, surface, tool);
     }
-    let asking = Asking { tool, estimate, plan: input.plan, capability, controller_cap_N };
-    let request = Request::from_desired(&desired, &asking);
-    state.controller_N = request.controller_N;
+    let controller = if live { setpoint.soft(tool) } else { Wrench::default() };
+    let asking =
+        Asking { tool, estimate, plan: input.plan, capability, controller, controller_cap_N };
+    let mut request = Request::from_desired(&desired, &asking);
+    request.cap(clutch_cap_N);
+    request.limits.set(Limit::Clutch, state.authority.is_clutched());
+    state.before = Before { controller_N: request.controller_N, total_N: request.total_N() };
     (desired, request)
 }
 

@@ -26,7 +26,9 @@ use crate::control::{Report, Setpoint};
 use crate::link::StreamEnd;
 use crate::proto::StreamMessage;
 use crate::quic;
-use crate::session::{Outcome, Output, Role, SessionConfig, SessionId, Sessions, Transport};
+use crate::session::{
+    Outcome, Output, Quality, Role, SessionConfig, SessionId, Sessions, Transport,
+};
 use crate::telemetry::{RoundTrips, StreamMetrics};
 use crate::wire::{FrameDecoder, encode_frame};
 
@@ -388,6 +390,11 @@ impl Hub {
                     self.metrics.rtt(transport, rtt_ns);
                     self.round_trips.record(rtt_ns);
                 }
+                Output::OneWay { direction, delay_ns, .. } => {
+                    self.metrics.one_way(direction, delay_ns);
+                }
+                // Only a device that lets itself be pulled is said to be simulated.
+                Output::Hand(_) => {}
             }
         }
     }
@@ -404,6 +411,11 @@ impl Hub {
         for role in Role::ALL {
             let open = self.sessions.list(now_ns()).filter(|session| session.role == role).count();
             self.metrics.sessions(role, Transport::Quic, open);
+            for quality in Quality::ALL {
+                let sessions = self.sessions.list(now_ns());
+                let alike = sessions.filter(|s| (s.role, s.quality) == (role, quality)).count();
+                self.metrics.qualities(role, quality, alike);
+            }
         }
     }
 }

@@ -28,17 +28,20 @@ pub enum Role {
     Observer,
     /// Holds the lease and commands.
     Controller,
+    /// Pulls the handle of a simulated device.
+    Hand,
 }
 
 impl Role {
     /// Every role, for tables of metrics.
-    pub const ALL: [Self; 2] = [Self::Observer, Self::Controller];
+    pub const ALL: [Self; 3] = [Self::Observer, Self::Controller, Self::Hand];
 
     /// The name used in metrics.
     pub fn name(self) -> &'static str {
         match self {
             Self::Observer => "observer",
             Self::Controller => "controller",
+            Self::Hand => "hand",
         }
     }
 }
@@ -67,10 +70,16 @@ pub struct SessionConfig {
     pub actuators: u32,
     /// More connections are refused.
     pub max_sessions: usize,
-    /// How long contacts hold whose command does not say.
+    /// Its handle can be pulled by a session of role hand.
+    pub simulated: bool,
+    /// How long contacts and force fields hold whose command does not say.
     pub default_ttl_ms: u32,
+    /// How long a wrench holds whose command does not say.
+    pub default_wrench_ttl_ms: u32,
     /// How long any command can hold.
     pub max_ttl_ms: u32,
+    /// A command computed from an older State is refused.
+    pub max_age_ms: u32,
     /// Where the services listen.
     pub grpc_port: u16,
     /// UTC minus the device clock, as the server starts.
@@ -86,8 +95,11 @@ impl SessionConfig {
             freedoms,
             actuators,
             max_sessions: 64,
+            simulated: false,
             default_ttl_ms: 100,
+            default_wrench_ttl_ms: 20,
             max_ttl_ms: 200,
+            max_age_ms: 200,
             grpc_port: 0,
             utc_minus_device_ns: 0,
         }
@@ -96,6 +108,11 @@ impl SessionConfig {
     /// The resource name of the device.
     pub(super) fn device_name(&self) -> String {
         format!("devices/{}", self.device)
+    }
+
+    /// Greatest age of a State that a command may be computed from.
+    pub(super) fn max_age_ns(&self) -> u64 {
+        u64::from(self.max_age_ms) * 1_000_000
     }
 
     /// UTC at a moment of the device clock.

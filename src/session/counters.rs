@@ -13,12 +13,16 @@ pub enum Outcome {
     Malformed,
     /// Longer than any datagram of the protocol.
     Oversize,
-    /// A command of a session without the lease.
+    /// A command of a session without the lease, or a hand's that does not pull.
     NotAllowed,
     /// A command not newer than the last.
     Old,
     /// A command with a value out of range.
     Invalid,
+    /// A command computed from a State that is too old.
+    Stale,
+    /// A command that the session's quality is not good enough for.
+    Quality,
     /// Before the handshake, of the wrong kind, or an answer to nothing.
     Unexpected,
     /// Taken by the transport.
@@ -29,13 +33,15 @@ pub enum Outcome {
 
 impl Outcome {
     /// Every outcome, for tables of metrics.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 11] = [
         Self::Accepted,
         Self::Malformed,
         Self::Oversize,
         Self::NotAllowed,
         Self::Old,
         Self::Invalid,
+        Self::Stale,
+        Self::Quality,
         Self::Unexpected,
         Self::Sent,
         Self::Dropped,
@@ -50,6 +56,8 @@ impl Outcome {
             Self::NotAllowed => "not_allowed",
             Self::Old => "old",
             Self::Invalid => "invalid",
+            Self::Stale => "stale",
+            Self::Quality => "quality",
             Self::Unexpected => "unexpected",
             Self::Sent => "sent",
             Self::Dropped => "dropped",
@@ -70,15 +78,31 @@ impl Outcome {
 pub enum StaleReason {
     /// Its time-to-live ran out.
     Ttl,
-    /// It broke the protocol and was sent away.
+    /// The controller's connection was lost, or it broke the protocol and was sent away.
     Disconnected,
     /// The controller said goodbye, or the server shut down.
     Released,
+    /// Another controller took the lease.
+    TakenOver,
+    /// A wrench ended because 20 commands in a row were missed, before its time-to-live.
+    Missed,
+    /// Newer commands came and were refused for the session's quality.
+    Quality,
+    /// Newer commands came and were refused because they were computed from old States.
+    Age,
 }
 
 impl StaleReason {
     /// Every reason, for tables of metrics.
-    pub const ALL: [Self; 3] = [Self::Ttl, Self::Disconnected, Self::Released];
+    pub const ALL: [Self; 7] = [
+        Self::Ttl,
+        Self::Disconnected,
+        Self::Released,
+        Self::TakenOver,
+        Self::Missed,
+        Self::Quality,
+        Self::Age,
+    ];
 
     /// The name used in metrics.
     pub fn name(self) -> &'static str {
@@ -86,6 +110,10 @@ impl StaleReason {
             Self::Ttl => "ttl",
             Self::Disconnected => "disconnected",
             Self::Released => "released",
+            Self::TakenOver => "taken_over",
+            Self::Missed => "missed",
+            Self::Quality => "quality",
+            Self::Age => "age",
         }
     }
 }

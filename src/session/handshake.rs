@@ -5,8 +5,9 @@
 
 use crate::proto::{self, Bye, ByeReason, Hello, StreamMessage, Welcome, stream_message::Body};
 use crate::units::FieldError;
-use crate::wire::{PROTOCOL, choose};
+use crate::wire::{MAX_STATE_BYTES, PROTOCOL, choose, max_detailed_bytes};
 
+use super::workspace::Workspace;
 use super::{Role, SessionConfig, SessionId};
 
 const MAX_NAME_BYTES: usize = 64;
@@ -20,9 +21,14 @@ const NS_PER_US: u64 = 1_000;
 pub(super) struct Terms {
     pub client_name: String,
     pub role: Role,
+    /// The lease is taken from whoever holds it.
+    pub takeover: bool,
     pub command_interval_ns: u64,
     /// 0: every tick.
     pub state_interval_ns: u64,
+    /// State carries every actuator.
+    pub detail: bool,
+    pub workspace: Workspace,
 }
 
 /// Why there is no session.
@@ -50,12 +56,16 @@ pub(super) fn agree(hello: &Hello, config: &SessionConfig) -> Result<Terms, Refu
         let error = FieldError::new("device", shown(&hello.device), allowed);
         return Err(refusal(ByeReason::UnknownDevice, &error));
     }
-    check_datagram(hello.max_datagram_bytes)?;
+    check_datagram(hello, config)?;
+    let role = role(hello, config)?;
     Ok(Terms {
         client_name: client_name(&hello.client_name)?,
-        role: role(hello)?,
+        role,
+        takeover: takeover(hello, role)?,
         command_interval_ns: command_interval_ns(hello.command_interval_us)?,
         state_interval_ns: state_interval_ns(hello.state_interval_us, config)?,
+        detail: hello.detail,
+        workspace: Workspace::agree(hello.workspace.as_ref())?,
     })
 }
 
@@ -71,16 +81,29 @@ fn client_name(name: &str) -> Result<String, FieldError> {
     Ok(name.to_owned())
 }
 
-fn role(hello: &Hello) -> Result<Role, FieldError> {
+fn role(hello: &Hello, config: &SessionConfig) -> Result<Role, FieldError> {
     match proto::Role::try_from(hello.role) {
         Ok(proto::Role::Observer) => Ok(Role::Observer),
         Ok(proto::Role::Controller) => Ok(Role::Controller),
-        _ => Err(FieldError::new(
-            "role",
-            hello.role,
-            "must be ROLE_OBSERVER (1) or ROLE_CONTROLLER (2)",
-        )),
+        Ok(proto::Role::Hand) if config.simulated => Ok(Role::Hand),
+        _ => {
+            let hand = if config.simulated {
+                ", or ROLE_HAND (3)"
+            } else {
+                ": the device is not simulated"
+            };
+            let allowed = format!("must be ROLE_OBSERVER (1) or ROLE_CONTROLLER (2){hand}");
+            Err(FieldError::new("role", hello.role, allowed))
+        }
     }
+}
+
+fn takeover(hello: &Hello, role: Role) -> Result<bool, FieldError> {
+    if hello.takeover && role != Role::Controller {
+        let allowed = "must be false unless role is ROLE_CONTROLLER (2)";
+        return Err(FieldError::new("takeover", true, allowed));
+    }
+    Ok(hello.takeover)
 }
 
 fn command_interval_ns(interval_us: u32) -> Result<u64, FieldError> {
@@ -105,11 +128,15 @@ fn state_interval_ns(interval_us: u32, config: &SessionConfig) -> Result<u64, Fi
     Err(FieldError::new("state_interval_us", interval_us, allowed))
 }
 
-fn check_datagram(bytes: u32) -> Result<(), FieldError> {
-    if bytes == 0 || bytes >= MIN_DATAGRAM_BYTES {
+fn check_datagram(hello: &Hello, config: &SessionConfig) -> Result<(), FieldError> {
+    let bytes = hello.max_datagram_bytes;
+    let detailed_bytes = max_detailed_bytes(config.actuators as usize);
+    let more = if hello.detail { detailed_bytes - MAX_STATE_BYTES } else { 0 };
+    let least = MIN_DATAGRAM_BYTES + more as u32;
+    if bytes == 0 || bytes >= least {
         return Ok(());
     }
-    let allowed = format!("must be 0 or at least {MIN_DATAGRAM_BYTES} bytes");
+    let allowed = format!("must be 0 or at least {least} bytes");
     Err(FieldError::new("max_datagram_bytes", bytes, allowed))
 }
 
@@ -121,8 +148,8 @@ fn shown(text: &str) -> String {
 /// The answer to a good Hello.
 pub(super) fn welcome(
     id: SessionId,
-    lease_epoch: u64,
-    scene_revision: u64,
+    (lease_epoch, scene_revision): (u64, u64),
+    workspace: &Workspace,
     config: &SessionConfig,
     now_ns: u64,
 ) -> StreamMessage {
@@ -140,6 +167,8 @@ pub(super) fn welcome(
         actuators: config.actuators,
         max_ttl_ms: config.max_ttl_ms,
         grpc_port: config.grpc_port.into(),
+        felt_stiffness_ratio: workspace.felt_stiffness_ratio() as f32,
+        max_age_ms: config.max_age_ms,
     }))
 }
 
@@ -165,6 +194,7 @@ mod tests {
             command_interval_us: 13_889,
             state_interval_us: 4_000,
             max_datagram_bytes: 1200,
+            ..Hello::default()
         }
     }
 
@@ -181,6 +211,31 @@ mod tests {
         assert_eq!(terms.role, Role::Controller);
         assert_eq!(terms.command_interval_ns, 13_889_000);
         assert_eq!(terms.state_interval_ns, 4_000_000);
+        assert_eq!(
+            (terms.takeover, terms.detail, terms.workspace),
+            (false, false, Workspace::SAME)
+        );
+    }
+
+    #[test]
+    fn a_hand_is_only_for_a_simulated_device_and_takes_nothing_over() {
+        let hand = Hello { role: proto::Role::Hand.into(), ..good() };
+        let mut config = SessionConfig::new("cho-2005", 1_000_000, 2, 4);
+        let refusal = agree(&hand, &config).unwrap_err().detail;
+        assert!(refusal.contains("role = 3") && refusal.contains("is not simulated"), "{refusal}");
+        config.simulated = true;
+        assert_eq!(agree(&hand, &config).unwrap().role, Role::Hand);
+        let grasping = Hello { takeover: true, ..hand };
+        let refusal = agree(&grasping, &config).unwrap_err().detail;
+        assert_eq!(refusal, "takeover = true: must be false unless role is ROLE_CONTROLLER (2)");
+    }
+
+    #[test]
+    fn detail_needs_room_in_the_datagram() {
+        let detailed = |bytes| judge(|h| (h.detail, h.max_datagram_bytes) = (true, bytes));
+        assert!(detailed(0).is_ok() && detailed(395).is_ok());
+        let refusal = detailed(394).unwrap_err().detail;
+        assert_eq!(refusal, "max_datagram_bytes = 394: must be 0 or at least 395 bytes");
     }
 
     #[test]
@@ -200,7 +255,7 @@ mod tests {
     #[test]
     fn the_ends_of_every_range_are_inside() {
         type Change = fn(&mut Hello);
-        let changes: [Change; 7] = [
+        let changes: [Change; 8] = [
             |h| h.client_name = "x".repeat(64),
             |h| h.command_interval_us = 1_000,
             |h| h.command_interval_us = 50_000,
@@ -208,6 +263,7 @@ mod tests {
             |h| h.state_interval_us = 1_000_000,
             |h| h.max_datagram_bytes = 300,
             |h| h.versions.insert(0, "hapticd/2".into()),
+            |h| h.takeover = true,
         ];
         for change in changes {
             assert!(judge(change).is_ok());
@@ -252,7 +308,7 @@ mod tests {
             (
                 |h| h.role = 3,
                 ByeReason::Invalid,
-                "role = 3: must be ROLE_OBSERVER (1) or ROLE_CONTROLLER (2)",
+                "role = 3: must be ROLE_OBSERVER (1) or ROLE_CONTROLLER (2): the device is not simulated",
             ),
             (
                 |h| h.command_interval_us = 999,

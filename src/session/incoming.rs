@@ -2,23 +2,26 @@
 //!
 //! A refused Hello closes its own connection and touches nothing else; a refused Command
 //! leaves everything as it was. Ending a session, for whatever reason, ends its lease in
-//! the same call. Where it ends by Bye or for breaking the rules, the setpoint goes out once
-//! more, released: what it asked for fades by the tick's own ramp.
+//! the same call. Where it ends by Bye or for breaking the rules, or where another session
+//! takes the lease, the setpoint goes out once more, released: what it asked for fades by
+//! the tick's own ramp, and no command of an old epoch acts any more.
 
 use crate::proto::datagram::Body as DatagramBody;
-use crate::proto::{ByeReason, Command, Hello, Ping, Pong};
+use crate::proto::{Ack, ByeReason, Command, Hello, Ping, Pong};
 use crate::wire;
 
 use super::command::{self, Context, Refusal};
 use super::handshake::{self, Terms};
 use super::peer::Open;
 use super::state::Echo;
-use super::{Outcome, Output, Role, SessionId, Sessions, StaleReason, events, ping, send};
+use super::{
+    Direction, Outcome, Output, Role, SessionId, Sessions, StaleReason, events, ping, send,
+};
 
 impl Sessions {
     pub(super) fn on_hello(&mut self, id: SessionId, hello: &Hello, now_ns: u64) {
         let agreed = handshake::agree(hello, &self.config);
-        match agreed.and_then(|terms| Ok((self.lease_for(id, &terms)?, terms))) {
+        match agreed.and_then(|terms| Ok((self.lease_for(id, &terms, now_ns)?, terms))) {
             Ok((lease_epoch, terms)) => self.welcome(id, lease_epoch, terms, now_ns),
             Err(refusal) => {
                 self.close(id, refusal.reason, &refusal.detail, StaleReason::Disconnected, now_ns);
@@ -26,32 +29,47 @@ impl Sessions {
         }
     }
 
-    /// The epoch under which a session commands, 0 for an observer.
-    fn lease_for(&mut self, id: SessionId, terms: &Terms) -> Result<u64, handshake::Refusal> {
-        if terms.role == Role::Observer {
+    /// The epoch under which a session commands, 0 for one that does not.
+    fn lease_for(
+        &mut self,
+        id: SessionId,
+        terms: &Terms,
+        now_ns: u64,
+    ) -> Result<u64, handshake::Refusal> {
+        if terms.role != Role::Controller {
             return Ok(0);
         }
-        self.lease.grant(id).map_err(|held| {
+        let loser = self.lease.grant(id, terms.takeover).map_err(|held| {
             let holder = self.peers.get(&held.by).and_then(|peer| peer.open.as_ref());
             let name = holder.map_or("", |open| open.client_name.as_str());
             handshake::Refusal {
                 reason: ByeReason::LeaseHeld,
                 detail: format!("role = controller: {} ({name:?}) holds the lease", held.by),
             }
-        })
+        })?;
+        // Without a loser there may be the force of one that vanished.
+        let reason = loser.map_or(StaleReason::Disconnected, |_| StaleReason::TakenOver);
+        self.release(reason, now_ns);
+        let loser = loser.and_then(|loser| self.peers.get_mut(&loser)?.open.as_mut());
+        if let Some(open) = loser {
+            open.demote();
+        }
+        Ok(self.lease.epoch())
     }
 
     fn welcome(&mut self, id: SessionId, lease_epoch: u64, terms: Terms, now_ns: u64) {
         let Some(peer) = self.peers.get_mut(&id) else {
             return;
         };
-        peer.open = Some(Open::new(terms, now_ns));
-        let revision = self.scene_revision;
-        let message = handshake::welcome(id, lease_epoch, revision, &self.config, now_ns);
+        let (config, workspace) = (&self.config, terms.workspace);
+        peer.open = Some(Open::new(terms, self.riding.newest(), now_ns));
+        let numbers = (lease_epoch, self.scene_revision);
+        let message = handshake::welcome(id, numbers, &workspace, config, now_ns);
         self.outbox.must(Output::Message { to: id, message });
         if lease_epoch != 0 {
             self.tell_all(&events::of_lease(now_ns, lease_epoch));
         }
+        self.watch_hand(now_ns);
     }
 
     pub(super) fn on_command(&mut self, id: SessionId, command: &Command, now_ns: u64) -> Outcome {
@@ -61,28 +79,57 @@ impl Sessions {
         if self.lease.holder() != Some(id) {
             return Outcome::NotAllowed;
         }
+        open.acknowledge(command.event_ack, self.riding.newest());
+        // What is refused tells of the path as well: a bad one is to be seen getting better.
+        if (1..=command::MAX_SEQ).contains(&command.seq) {
+            open.judge.take(command.seq, command.client_time_ns, now_ns);
+        }
+        let mut workspace = open.workspace;
+        workspace.clutch(command.clutched, &self.p_WT_m);
         let context = Context {
             config: &self.config,
             epoch: self.lease.epoch(),
             last_seq: open.last_seq,
-            newest_tick: self.newest_tick,
+            history: &self.history,
+            welcomed_ns: open.welcomed_ns,
+            quality: open.judge.quality(),
+            liveness: &open.liveness,
+            workspace: &workspace,
             now_ns,
         };
-        match command::setpoint(command, &context) {
-            Ok(setpoint) => {
+        let (error, outcome) = match command::take(command, &context) {
+            Ok(taken) => {
                 open.last_seq = command.seq;
                 open.echo =
                     Some(Echo { client_time_ns: command.client_time_ns, received_ns: now_ns });
                 open.liveness.commanded(now_ns);
-                self.setpoint = setpoint;
+                open.workspace = workspace;
+                (self.setpoint, self.ending) = (taken.setpoint, taken.ending);
                 self.setpoint_due = true;
-                Outcome::Accepted
+                return Outcome::Accepted;
             }
-            Err(Refusal::Old) => Outcome::Old,
-            Err(Refusal::Invalid(error)) => {
-                open.last_refusal = Some(error);
-                Outcome::Invalid
+            Err(Refusal::Old) => return Outcome::Old,
+            Err(Refusal::Invalid(error)) => (error, Outcome::Invalid),
+            Err(Refusal::Stale(error)) => {
+                self.ending = StaleReason::Age;
+                (error, Outcome::Stale)
             }
+            Err(Refusal::Quality(error)) => {
+                self.ending = StaleReason::Quality;
+                (error, Outcome::Quality)
+            }
+        };
+        open.last_refusal = Some(error);
+        outcome
+    }
+
+    pub(super) fn on_ack(&mut self, id: SessionId, ack: &Ack) -> Outcome {
+        let newest = self.riding.newest();
+        let open = self.peers.get_mut(&id).and_then(|peer| peer.open.as_mut());
+        match open.map(|open| open.acknowledge(ack.event_id, newest)) {
+            Some(true) => Outcome::Accepted,
+            Some(false) => Outcome::Invalid,
+            None => Outcome::Unexpected,
         }
     }
 
@@ -100,14 +147,23 @@ impl Sessions {
             return Outcome::Unexpected;
         };
         let transport = peer.transport;
-        let pinger = peer.open.as_mut().map(|open| &mut open.pinger);
-        match pinger.and_then(|pinger| pinger.completed(pong, now_ns)) {
-            Some(rtt_ns) => {
-                self.outbox.may(Output::Rtt { transport, rtt_ns });
-                Outcome::Accepted
-            }
-            None => Outcome::Unexpected,
+        let Some(open) = &mut peer.open else {
+            return Outcome::Unexpected;
+        };
+        let Some(rtt_ns) = open.pinger.completed(pong, now_ns) else {
+            return Outcome::Unexpected;
+        };
+        if open.role == Role::Observer {
+            open.judge.take(pong.seq, pong.returned_ns, now_ns);
         }
+        let clock = open.offset.take(pong, rtt_ns, now_ns);
+        self.outbox.may(Output::Rtt { transport, rtt_ns });
+        for (direction, delay_ns) in [(Direction::In, clock.in_ns), (Direction::Out, clock.out_ns)]
+        {
+            let bound_ns = clock.bound_ns;
+            self.outbox.may(Output::OneWay { direction, delay_ns, bound_ns });
+        }
+        Outcome::Accepted
     }
 
     /// The client said goodbye.
@@ -149,19 +205,28 @@ impl Sessions {
     /// Ends the lease if this session held it, and takes its force away by the ramp: it said
     /// Bye, or broke the rules.
     pub(super) fn end_lease(&mut self, id: SessionId, reason: StaleReason, now_ns: u64) {
-        if self.lease.holder() == Some(id) && self.setpoint.is_fresh(now_ns) {
+        if self.lease.holder() == Some(id) {
+            self.release(reason, now_ns);
+        }
+        self.lose_lease(id, now_ns);
+    }
+
+    /// Lets the last setpoint go, if its time is not over anyway.
+    fn release(&mut self, reason: StaleReason, now_ns: u64) {
+        if self.setpoint.is_fresh(now_ns) {
             self.setpoint.released = true;
             self.setpoint_due = true;
             self.counters.count_stale(reason);
         }
-        self.lose_lease(id, now_ns);
     }
 
     /// Ends the lease if this session held it. It vanished; time-to-live alone decides when
     /// its force goes, so that a broken connection is as good as a lost datagram.
     pub(super) fn lose_lease(&mut self, id: SessionId, now_ns: u64) {
         if self.lease.end(id) {
+            self.ending = StaleReason::Disconnected;
             self.tell_all(&events::of_lease(now_ns, self.lease.epoch()));
         }
+        self.watch_hand(now_ns);
     }
 }

@@ -2,8 +2,8 @@
 //!
 //! ```text
 //!          grant: epoch + 1
-//!  ┌──────┐ ─────────────▶ ┌──────┐
-//!  │ free │                │ held │ ── grant to another: refused
+//!  ┌──────┐ ─────────────▶ ┌──────┐ ── grant to another: refused,
+//!  │ free │                │ held │    or with takeover: epoch + 1
 //!  └──────┘ ◀───────────── └──────┘
 //!              end, by the holder's session only
 //! ```
@@ -26,14 +26,17 @@ pub(super) struct Lease {
 }
 
 impl Lease {
-    /// Gives the lease to a session, under a new epoch.
-    pub fn grant(&mut self, to: SessionId) -> Result<u64, Held> {
-        if let Some(by) = self.holder {
-            return Err(Held { by });
+    /// Gives the lease to a session, under a new epoch; with `takeover` from whoever holds
+    /// it, who is returned.
+    pub fn grant(&mut self, to: SessionId, takeover: bool) -> Result<Option<SessionId>, Held> {
+        match self.holder {
+            Some(by) if !takeover || by == to => Err(Held { by }),
+            loser => {
+                self.holder = Some(to);
+                self.epoch += 1;
+                Ok(loser)
+            }
         }
-        self.holder = Some(to);
-        self.epoch += 1;
-        Ok(self.epoch)
     }
 
     /// Ends the lease if this session holds it; true when it did.
@@ -67,13 +70,24 @@ mod tests {
     fn one_session_holds_it_and_the_next_gets_a_higher_epoch() {
         let mut lease = Lease::default();
         assert_eq!(lease.epoch(), 0);
-        assert_eq!(lease.grant(A), Ok(1));
-        assert_eq!(lease.grant(B), Err(Held { by: A }));
-        assert_eq!(lease.grant(A), Err(Held { by: A }), "not even its holder twice");
+        assert_eq!((lease.grant(A, false), lease.epoch()), (Ok(None), 1));
+        assert_eq!(lease.grant(B, false), Err(Held { by: A }));
+        assert_eq!(lease.grant(A, true), Err(Held { by: A }), "not even its holder twice");
         assert!(!lease.end(B), "only the holder ends it");
         assert_eq!((lease.holder(), lease.epoch()), (Some(A), 1));
         assert!(lease.end(A));
         assert_eq!((lease.holder(), lease.epoch()), (None, 0));
-        assert_eq!(lease.grant(B), Ok(2));
+        assert_eq!((lease.grant(B, true), lease.epoch()), (Ok(None), 2));
+    }
+
+    #[test]
+    fn a_takeover_names_the_loser_whose_end_ends_nothing() {
+        let mut lease = Lease::default();
+        lease.grant(A, false).unwrap();
+        assert_eq!(lease.grant(B, true), Ok(Some(A)));
+        assert_eq!((lease.holder(), lease.epoch()), (Some(B), 2));
+        assert!(!lease.end(A));
+        assert_eq!(lease.grant(A, true), Ok(Some(B)), "and back");
+        assert_eq!(lease.epoch(), 3);
     }
 }

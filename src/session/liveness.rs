@@ -8,10 +8,11 @@
 //!                                            next command
 //! ```
 //!
-//! An observer is always Monitoring. Commanding is judged by the interval that the client
-//! itself announced, so that a 72 Hz headset is not late. These states only inform: when a
-//! *force* goes is decided by its time-to-live alone, in `control`. A session from which
-//! nothing at all was heard for [`SILENCE_NS`] has ended.
+//! An observer is always Monitoring; a hand commands by its targets. Commanding is judged by
+//! the interval that the client itself announced, so that a 72 Hz headset is not late. When
+//! a *force* goes is decided by its time-to-live alone, in `control`; that of a wrench is no
+//! longer than Commanding lasts. A session from which nothing at all was heard for
+//! [`SILENCE_NS`] has ended.
 
 use super::Role;
 use crate::proto::SessionState;
@@ -40,6 +41,16 @@ impl Liveness {
         Self { role, late_after_ns, commanded_ns: None }
     }
 
+    /// How long a session commands without a command.
+    pub fn late_after_ns(&self) -> u64 {
+        self.late_after_ns
+    }
+
+    /// Another one commands from now on.
+    pub fn demote(&mut self) {
+        self.role = Role::Observer;
+    }
+
     /// A command was accepted.
     pub fn commanded(&mut self, now_ns: u64) {
         self.commanded_ns = Some(now_ns);
@@ -49,8 +60,8 @@ impl Liveness {
     pub fn state(&self, now_ns: u64) -> SessionState {
         match (self.role, self.commanded_ns) {
             (Role::Observer, _) => SessionState::Monitoring,
-            (Role::Controller, None) => SessionState::Idle,
-            (Role::Controller, Some(commanded_ns)) => {
+            (Role::Controller | Role::Hand, None) => SessionState::Idle,
+            (Role::Controller | Role::Hand, Some(commanded_ns)) => {
                 if now_ns.saturating_sub(commanded_ns) > self.late_after_ns {
                     SessionState::Monitoring
                 } else {

@@ -71,6 +71,7 @@ impl From<Limit> for proto::Limit {
             Limit::Stale => Self::Stale,
             Limit::Freedom => Self::Freedom,
             Limit::Constraints => Self::Constraints,
+            Limit::Clutch => Self::Clutch,
         }
     }
 }

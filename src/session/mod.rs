@@ -11,7 +11,10 @@
 //! caller drains after every call; [`Sessions::next_timeout`] says when to call again.
 //! It is the only place where wire messages become control types.
 //!
-//! - One controller at a time, under a lease whose epoch grows; observers never command.
+//! - One controller at a time, under a lease whose epoch grows; observers never command. A
+//!   takeover turns the controller into an observer, which stays connected. A Command carries
+//!   no epoch: it is the session that fences, because the lease is one session's.
+//! - A hand pulls a simulated device and commands nothing.
 //! - A refused Hello, Command or datagram changes nothing but a counter, and costs the
 //!   server bounded memory whatever arrives.
 //! - A force that is to go is the tick's business: a controller that says Bye, or breaks the
@@ -26,36 +29,51 @@ mod config;
 mod contact;
 mod counters;
 mod events;
+mod hand;
 mod handshake;
+mod history;
 mod incoming;
 mod lease;
 mod liveness;
 mod mapping;
+mod offset;
+mod outgoing;
 mod output;
+mod path;
 mod peer;
 mod ping;
+mod quality;
+mod soft;
 mod state;
 #[cfg(test)]
 mod tests;
+mod workspace;
 
 use std::collections::BTreeMap;
 
-use crate::control::{Event, Report, Setpoint};
+use nalgebra::Vector3;
+
+use crate::control::Setpoint;
 use crate::proto::datagram::Body as DatagramBody;
 use crate::proto::stream_message::Body;
 use crate::proto::{ByeReason, State, StreamMessage};
-use crate::wire::{self, FrameError, WireError};
+use crate::wire::{self, Detail, FrameError, WireError};
 
+use events::Riding;
+use hand::Pull;
+use history::History;
 use lease::Lease;
 use output::Outbox;
 use peer::Peer;
-use state::DeepestFirst;
 
 pub use config::{Role, SessionConfig, SessionId, Transport};
 pub use counters::{Counters, Outcome, StaleReason};
+pub use hand::HandTarget;
 pub use mapping::{SCENE_ID, surface_id};
+pub use offset::{Clock, Direction};
 pub use output::Output;
 pub use peer::SessionInfo;
+pub use quality::Quality;
 
 /// There is no room for one more session; nothing was opened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -83,10 +101,18 @@ pub struct Sessions {
     setpoint: Setpoint,
     /// It was not handed out yet.
     setpoint_due: bool,
-    newest_tick: u64,
+    /// Why its force ends if it just runs out.
+    ending: StaleReason,
+    /// The hand that pulls now.
+    pull: Option<Pull>,
+    history: History,
+    /// Where the newest tick found the tool point.
+    p_WT_m: Vector3<f64>,
     scene_revision: u64,
+    riding: Riding,
     /// Keeps the room of its vectors from tick to tick.
     state: State,
+    detail: Detail,
     outbox: Outbox,
     counters: Counters,
 }
@@ -95,15 +121,20 @@ impl Sessions {
     /// No sessions yet.
     pub fn new(config: SessionConfig) -> Self {
         Self {
+            history: History::new(config.tick_ns, config.max_age_ns()),
             config,
             peers: BTreeMap::new(),
             last_id: 0,
             lease: Lease::default(),
             setpoint: Setpoint::NONE,
             setpoint_due: false,
-            newest_tick: 0,
+            ending: StaleReason::Ttl,
+            pull: None,
+            p_WT_m: Vector3::zeros(),
             scene_revision: 0,
+            riding: Riding::default(),
             state: State::default(),
+            detail: Detail::default(),
             outbox: Outbox::default(),
             counters: Counters::default(),
         }
@@ -173,72 +204,17 @@ impl Sessions {
             Ok(DatagramBody::Command(command)) => self.on_command(id, &command, now_ns),
             Ok(DatagramBody::Ping(ping)) => self.on_ping(id, &ping, now_ns),
             Ok(DatagramBody::Pong(pong)) => self.on_pong(id, &pong, now_ns),
+            Ok(DatagramBody::HandTarget(target)) => self.on_hand_target(id, &target, now_ns),
+            Ok(DatagramBody::Ack(ack)) => self.on_ack(id, &ack),
             Ok(DatagramBody::State(_)) => Outcome::Unexpected,
         };
         self.counters.count_datagram(transport, outcome);
     }
 
-    /// A tick was done, and its report came when there was a newer one already: its events to
-    /// everyone, but no State, which would be old.
-    pub fn on_late_report(&mut self, report: &Report) {
-        self.newest_tick = self.newest_tick.max(report.tick);
-        self.on_events(report);
-    }
-
-    /// A tick was done: State to those whose turn it is, the controller first, and its
-    /// events to everyone.
-    pub fn on_report(&mut self, report: &Report, now_ns: u64) {
-        self.newest_tick = self.newest_tick.max(report.tick);
-        self.scene_revision = report.scene_revision;
-        state::fill(&mut self.state, report);
-        let contacts = DeepestFirst::of(report);
-        for to_controller in [true, false] {
-            self.send_states(to_controller, report.tick, &contacts, now_ns);
-        }
-        self.on_events(report);
-    }
-
-    fn send_states(
-        &mut self,
-        to_controller: bool,
-        tick: u64,
-        contacts: &DeepestFirst,
-        now_ns: u64,
-    ) {
-        let holder = self.lease.holder();
-        for (id, peer) in &mut self.peers {
-            let Some(open) = &mut peer.open else { continue };
-            if (holder == Some(*id)) != to_controller
-                || !open.cadence.due(tick, self.config.tick_ns)
-            {
-                continue;
-            }
-            state::address(&mut self.state, open.liveness.state(now_ns), open.echo, now_ns);
-            let bytes = wire::encode_state(&mut self.state, contacts.as_slice());
-            let to = (*id, peer.transport);
-            send(&mut self.outbox, &mut self.counters, to, bytes);
-        }
-    }
-
-    fn on_events(&mut self, report: &Report) {
-        for (number, event) in report.events() {
-            if event == Event::Stale && self.setpoint.seq != 0 && !self.setpoint.released {
-                self.counters.count_stale(StaleReason::Ttl);
-            }
-            self.tell_all(&events::of_device(number, report.time_ns, event));
-        }
-    }
-
-    /// To every welcomed session.
-    fn tell_all(&mut self, message: &StreamMessage) {
-        for (id, _) in self.peers.iter().filter(|(_, peer)| peer.open.is_some()) {
-            self.outbox.may(Output::Message { to: *id, message: message.clone() });
-        }
-    }
-
     /// When [`Sessions::on_timeout`] has something to do.
     pub fn next_timeout(&self) -> Option<u64> {
-        self.peers.values().map(Peer::next_timeout).min()
+        let hand = self.pull.as_ref().map(Pull::ends_ns);
+        self.peers.values().map(Peer::next_timeout).chain(hand).min()
     }
 
     /// Closes who was silent for too long, and pings the others. Hand in first what has
@@ -247,8 +223,9 @@ impl Sessions {
         let expired = |(id, peer): (&SessionId, &Peer)| Some((*id, peer.expired(now_ns)?));
         let expired: Vec<_> = self.peers.iter().filter_map(expired).collect();
         for (id, (reason, detail)) in expired {
-            self.close(id, reason, detail, StaleReason::Ttl, now_ns);
+            self.close(id, reason, detail, StaleReason::Disconnected, now_ns);
         }
+        self.watch_hand(now_ns);
         for (id, peer) in &mut self.peers {
             if let Some(ping) = peer.open.as_mut().and_then(|open| open.pinger.due(now_ns)) {
                 let bytes = wire::encode(&DatagramBody::Ping(ping));

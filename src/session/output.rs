@@ -6,7 +6,8 @@
 
 use std::collections::VecDeque;
 
-use super::{SessionId, Transport};
+use super::hand::HandTarget;
+use super::{Direction, SessionId, Transport};
 use crate::control::Setpoint;
 use crate::proto::{ByeReason, StreamMessage};
 
@@ -23,6 +24,10 @@ pub enum Output {
     Setpoint(Box<Setpoint>),
     /// A round trip was measured: network only, the client's own delay taken off.
     Rtt { transport: Transport, rtt_ns: u64 },
+    /// One half of a round trip was estimated; off by at most `bound_ns`.
+    OneWay { direction: Direction, delay_ns: u64, bound_ns: u64 },
+    /// Pull the handle of the simulated device there, or let go, from now on.
+    Hand(HandTarget),
 }
 
 /// Most outputs that wait before what may be lost is lost.

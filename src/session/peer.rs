@@ -6,9 +6,12 @@ use crate::units::FieldError;
 use super::cadence::Cadence;
 use super::handshake::Terms;
 use super::liveness::{Liveness, SILENCE_NS};
+use super::offset::{Clock, Offset};
 use super::ping::Pinger;
+use super::quality::Judge;
 use super::state::Echo;
-use super::{Role, SessionId, Transport};
+use super::workspace::Workspace;
+use super::{Quality, Role, SessionId, Transport};
 
 /// A connection, welcomed or not yet.
 #[derive(Debug)]
@@ -28,25 +31,57 @@ pub(super) struct Open {
     pub cadence: Cadence,
     pub liveness: Liveness,
     pub pinger: Pinger,
-    /// The last command taken, 0 for none.
+    pub offset: Offset,
+    /// Of its commands or targets; of pings where it sends neither.
+    pub judge: Judge,
+    pub workspace: Workspace,
+    /// Its State has every actuator.
+    pub detail: bool,
+    pub welcomed_ns: u64,
+    /// The newest event that it acknowledged, or that was when it came.
+    pub seen_event: u64,
+    /// The last command or target taken, 0 for none.
     pub last_seq: u64,
     pub echo: Option<Echo>,
     pub last_refusal: Option<FieldError>,
 }
 
 impl Open {
-    /// A session on these terms.
-    pub fn new(terms: Terms, now_ns: u64) -> Self {
+    /// A session on these terms; `newest_event` happened before it.
+    pub fn new(terms: Terms, newest_event: u64, now_ns: u64) -> Self {
         Self {
             client_name: terms.client_name,
             role: terms.role,
             cadence: Cadence::new(terms.state_interval_ns),
             liveness: Liveness::new(terms.role, terms.command_interval_ns),
             pinger: Pinger::new(now_ns),
+            offset: Offset::default(),
+            judge: Judge::new(),
+            workspace: terms.workspace,
+            detail: terms.detail,
+            welcomed_ns: now_ns,
+            seen_event: newest_event,
             last_seq: 0,
             echo: None,
             last_refusal: None,
         }
+    }
+
+    /// Another session took its lease: it stays, and watches.
+    pub fn demote(&mut self) {
+        self.role = Role::Observer;
+        self.liveness.demote();
+        self.judge = Judge::new();
+        self.workspace.let_go();
+    }
+
+    /// This event and all before it were seen; those after `newest` do not exist yet.
+    pub fn acknowledge(&mut self, event: u64, newest: u64) -> bool {
+        let known = event <= newest;
+        if known {
+            self.seen_event = self.seen_event.max(event);
+        }
+        known
     }
 }
 
@@ -90,7 +125,13 @@ impl Peer {
             transport: self.transport,
             client_name: &open.client_name,
             state: open.liveness.state(now_ns),
+            quality: open.judge.quality(),
+            loss: open.judge.path().loss(),
+            variation_ns: open.judge.path().variation_ns(),
             rtt_ns: open.pinger.rtt_ns,
+            clock: open.offset.clock,
+            felt_stiffness_ratio: open.workspace.felt_stiffness_ratio(),
+            clutched: open.workspace.is_clutched(),
             last_refusal: open.last_refusal.as_ref(),
         })
     }
@@ -109,8 +150,20 @@ pub struct SessionInfo<'a> {
     pub client_name: &'a str,
     /// Whether it commands.
     pub state: SessionState,
+    /// How good its path is.
+    pub quality: Quality,
+    /// Share of what it sent that never came.
+    pub loss: f64,
+    /// By how much the one-way delays of neighbours differ, nanoseconds.
+    pub variation_ns: f64,
     /// Its last round trip, `None` before the first.
     pub rtt_ns: Option<u64>,
+    /// Its clock and the two halves of that round trip, estimated.
+    pub clock: Option<Clock>,
+    /// What is felt of its stiffness and damping: the scale of its workspace.
+    pub felt_stiffness_ratio: f64,
+    /// Its workspace is lifted off the device.
+    pub clutched: bool,
     /// Why its last invalid command was refused: datagrams are not answered.
     pub last_refusal: Option<&'a FieldError>,
 }

@@ -6,12 +6,15 @@
 //! source, an angle that is not defined. Numbers that grow without bound are kept small
 //! enough for the State's size.
 
-use crate::control::{RenderedSource, Report, Wrench};
+use crate::control::{ContactResult, RenderedSource, Report, Wrench};
 use crate::environment::MAX_CONSTRAINTS;
+use crate::notation::ActuatorVector;
 use crate::proto::{self, SessionState, State};
-use crate::wire::{ContactPart, number, put_pair, put3};
+use crate::wire::{ContactPart, Detail, number, put_pair, put3};
 
+use super::Quality;
 use super::mapping::surface_id;
+use super::workspace::{View, Workspace};
 
 /// Where `command_lag_ticks` saturates: two bytes on the wire, 16 s at 1 kHz.
 pub(super) const MAX_LAG_TICKS: u32 = (1 << 14) - 1;
@@ -45,14 +48,18 @@ pub(super) fn fill(state: &mut State, report: &Report) {
 }
 
 fn fill_motion(state: &mut State, report: &Report) {
-    put3(&mut state.position_m, report.p_WT_m.into());
     state.orientation.clear();
     let xyzw = report.q_WT.coords.map(number);
     if xyzw.xyz() != nalgebra::Vector3::zeros() {
         state.orientation.extend_from_slice(xyzw.as_slice());
     }
-    put_pair(&mut state.twist, report.v_WT_m_per_s.into(), report.omega_WT_rad_per_s.into());
-    put3(&mut state.proxy_m, report.proxy_W_m.into());
+}
+
+/// Fills in where the tool is in a session's own world.
+fn fill_view(state: &mut State, view: &View, report: &Report) {
+    put3(&mut state.position_m, view.position_m.into());
+    put_pair(&mut state.twist, view.twist_m_per_s.into(), report.omega_WT_rad_per_s.into());
+    put3(&mut state.proxy_m, view.proxy_m.into());
 }
 
 fn fill_wrenches(state: &mut State, report: &Report) {
@@ -78,13 +85,43 @@ fn lag_ticks(report: &Report) -> u32 {
     u32::try_from(report.command_lag_ticks).map_or(MAX_LAG_TICKS, |lag| lag.min(MAX_LAG_TICKS))
 }
 
+/// What a State tells of the session that it goes to.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Own<'a> {
+    pub session: SessionState,
+    pub quality: Quality,
+    pub echo: Option<Echo>,
+    pub workspace: &'a Workspace,
+}
+
 /// Adds what is one session's own.
-pub(super) fn address(state: &mut State, session: SessionState, echo: Option<Echo>, now_ns: u64) {
-    state.session_state = session.into();
+pub(super) fn address(state: &mut State, report: &Report, own: &Own<'_>, now_ns: u64) {
+    fill_view(state, &own.workspace.view(report), report);
+    let echo = own.echo;
+    state.session_state = own.session.into();
+    state.session_quality = proto::Quality::from(own.quality).into();
     state.echo_client_time_ns = echo.map_or(0, |echo| echo.client_time_ns);
     state.echo_hold_ns = echo.map_or(0, |echo| {
         u32::try_from(now_ns.saturating_sub(echo.received_ns)).unwrap_or(u32::MAX)
     });
+}
+
+/// What every actuator does, for those who asked.
+pub(super) fn fill_detail(detail: &mut Detail, report: &Report, actuators: usize) {
+    let put = |row: &mut Vec<f32>, values: &ActuatorVector| {
+        row.clear();
+        row.extend(values.iter().take(actuators).map(|value| number(*value)));
+    };
+    put(&mut detail.rad, &report.shaft_rad);
+    put(&mut detail.rad_per_s, &report.shaft_rad_per_s);
+    put(&mut detail.lower_Nm, &report.bounds.lower_Nm);
+    put(&mut detail.upper_Nm, &report.bounds.upper_Nm);
+    put(&mut detail.commanded_Nm, &report.commanded_Nm);
+}
+
+/// Whether a surface holds the tool by static friction; none of today's surfaces has any.
+fn is_sticking(_contact: &ContactResult) -> bool {
+    false
 }
 
 /// The surfaces entered, the deepest first.
@@ -104,11 +141,20 @@ impl DeepestFirst {
                 depth_m: number(contact.depth_m),
                 normal_N: number(contact.normal_N),
                 friction_N: number(contact.friction_N),
+                sticking: is_sticking(contact),
             };
             sorted.count += 1;
         }
         sorted.parts[..sorted.count].sort_unstable_by(|a, b| b.depth_m.total_cmp(&a.depth_m));
         sorted
+    }
+
+    /// The same in a session's own world.
+    pub fn seen_in(mut self, workspace: &Workspace) -> Self {
+        for part in &mut self.parts[..self.count] {
+            part.depth_m = workspace.depth_m(part.depth_m);
+        }
+        self
     }
 
     /// As a slice.
@@ -123,7 +169,13 @@ mod tests {
     use crate::actuation::{Region, Strategy};
     use crate::control::{ContactResult, Limit, Limits, Mode};
     use crate::environment::Source;
+    use crate::wire::{EventPart, StateParts};
     use nalgebra::{UnitQuaternion, Vector3};
+
+    fn own(echo: Option<Echo>) -> Own<'static> {
+        let (session, quality) = (SessionState::Commanding, Quality::Excellent);
+        Own { session, quality, echo, workspace: &Workspace::SAME }
+    }
 
     fn wrench(x: f64) -> Wrench {
         Wrench { force_N: Vector3::new(x, 0.0, 0.0), moment_Nm: Vector3::zeros() }
@@ -172,6 +224,7 @@ mod tests {
     fn a_report_becomes_the_state_of_the_contract() {
         let mut state = State::default();
         fill(&mut state, &busy_report());
+        address(&mut state, &busy_report(), &own(None), 0);
         assert_eq!((state.seq, state.device_time_ns), (12, 34));
         assert_eq!(state.position_m, [0.25, 0.0, 0.0]);
         let half = [0.0, 0.0, 0.5f32.sin(), 0.5f32.cos()];
@@ -197,6 +250,7 @@ mod tests {
         let mut state = State::default();
         fill(&mut state, &busy_report());
         fill(&mut state, &Report::default());
+        address(&mut state, &Report::default(), &own(None), 0);
         assert!(state.orientation.is_empty(), "the tool is not turned");
         assert!(state.measured_cf.is_empty(), "no sensor");
         assert!(state.rendered.is_empty(), "unknown source");
@@ -205,6 +259,7 @@ mod tests {
         assert_eq!(state.requested, [0.0; 3], "nothing asked is known to be zero");
         let mut fresh = State::default();
         fill(&mut fresh, &Report::default());
+        address(&mut fresh, &Report::default(), &own(None), 0);
         assert_eq!(state, fresh);
     }
 
@@ -222,11 +277,11 @@ mod tests {
         fill(&mut state, &report);
         assert_eq!(state.command_lag_ticks, MAX_LAG_TICKS);
         let echo = Echo { client_time_ns: 9, received_ns: 1 };
-        address(&mut state, SessionState::Commanding, Some(echo), 11);
+        address(&mut state, &report, &own(Some(echo)), 11);
         assert_eq!((state.echo_client_time_ns, state.echo_hold_ns), (9, 10));
-        address(&mut state, SessionState::Monitoring, Some(echo), u64::MAX);
+        address(&mut state, &report, &own(Some(echo)), u64::MAX);
         assert_eq!(state.echo_hold_ns, u32::MAX);
-        address(&mut state, SessionState::Monitoring, None, 11);
+        address(&mut state, &report, &own(None), 11);
         assert_eq!((state.echo_client_time_ns, state.echo_hold_ns), (0, 0));
     }
 
@@ -265,10 +320,13 @@ mod tests {
         let mut state = State::default();
         fill(&mut state, &report);
         let echo = Echo { client_time_ns: u64::MAX, received_ns: 0 };
-        address(&mut state, SessionState::Commanding, Some(echo), u64::MAX);
+        address(&mut state, &report, &own(Some(echo)), u64::MAX);
         let contacts = DeepestFirst::of(&report);
         assert_eq!(contacts.as_slice().len(), 4);
-        let bytes = crate::wire::encode_state(&mut state, contacts.as_slice());
+        let event = EventPart { id: u64::MAX, kind: 9, value: u32::MAX };
+        let parts =
+            StateParts { deepest_first: contacts.as_slice(), oldest_first: &[event], detail: None };
+        let bytes = crate::wire::encode_state(&mut state, &parts);
         assert!(bytes.len() <= crate::wire::MAX_STATE_BYTES, "{}", bytes.len());
     }
 }

@@ -10,7 +10,7 @@ use super::registry::Telemetry;
 use super::table;
 use crate::control::{Event, Limit, Mode, Record, Report};
 use crate::rt::Right;
-use crate::session::{Counters, Outcome, Role, StaleReason, Transport};
+use crate::session::{Counters, Direction, Outcome, Quality, Role, StaleReason, Transport};
 
 /// The metrics of one device.
 #[derive(Debug)]
@@ -136,18 +136,22 @@ pub struct StreamMetrics {
     datagrams: Vec<(Counter, u64)>,
     stale: Vec<(Counter, u64)>,
     sessions: Vec<(Gauge, usize)>,
+    qualities: Vec<(Gauge, usize)>,
     rtt: Vec<Histogram>,
+    one_way: Vec<Histogram>,
 }
 
 impl StreamMetrics {
     pub(super) fn new(telemetry: &Telemetry) -> Self {
         let counters = |row| telemetry.counters(row, None).into_iter().map(|counter| (counter, 0));
-        let sessions = telemetry.gauges(&table::SESSIONS, None).into_iter();
+        let gauges = |row| telemetry.gauges(row, None).into_iter().map(|gauge| (gauge, 0));
         Self {
             datagrams: counters(&table::DATAGRAMS).collect(),
             stale: counters(&table::STALE).collect(),
-            sessions: sessions.map(|gauge| (gauge, 0)).collect(),
+            sessions: gauges(&table::SESSIONS).collect(),
+            qualities: gauges(&table::SESSION_QUALITY).collect(),
             rtt: telemetry.histograms(&table::SESSION_RTT, None),
+            one_way: telemetry.histograms(&table::ONE_WAY_DELAY, None),
         }
     }
 
@@ -167,15 +171,29 @@ impl StreamMetrics {
     /// Says how many sessions of a kind the core has now.
     pub fn sessions(&mut self, role: Role, transport: Transport, open: usize) {
         let place = role as usize * Transport::ALL.len() + transport as usize;
-        let (gauge, before) = &mut self.sessions[place];
-        gauge.increment(open as f64 - *before as f64);
-        *before = open;
+        show(&mut self.sessions[place], open);
+    }
+
+    /// Says how many sessions of a role have a path of this quality now.
+    pub fn qualities(&mut self, role: Role, quality: Quality, open: usize) {
+        let place = role as usize * Quality::ALL.len() + quality as usize;
+        show(&mut self.qualities[place], open);
     }
 
     /// A ping came back.
     pub fn rtt(&self, transport: Transport, rtt_ns: u64) {
         self.rtt[transport as usize].record(seconds(rtt_ns));
     }
+
+    /// One half of it was estimated.
+    pub fn one_way(&self, direction: Direction, delay_ns: u64) {
+        self.one_way[direction as usize].record(seconds(delay_ns));
+    }
+}
+
+fn show((gauge, before): &mut (Gauge, usize), now: usize) {
+    gauge.increment(now as f64 - *before as f64);
+    *before = now;
 }
 
 fn count_up((counter, before): &mut (Counter, u64), total: u64) {
@@ -366,5 +384,7 @@ mod tests {
         assert!(indices(&Transport::ALL.map(|transport| transport as usize)));
         assert!(indices(&Outcome::ALL.map(|outcome| outcome as usize)));
         assert!(indices(&StaleReason::ALL.map(|reason| reason as usize)));
+        assert!(indices(&Quality::ALL.map(|quality| quality as usize)));
+        assert!(indices(&Direction::ALL.map(|direction| direction as usize)));
     }
 }

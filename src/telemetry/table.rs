@@ -10,7 +10,7 @@
 use crate::actuation::Region;
 use crate::control::{DeviceError, Fault, Limit, Mode};
 use crate::rt::Right;
-use crate::session::{Outcome, Role, StaleReason, Transport};
+use crate::session::{Direction, Outcome, Quality, Role, StaleReason, Transport};
 
 /// What a metric counts or measures.
 #[derive(Clone, Copy, Debug)]
@@ -208,6 +208,13 @@ rows! {
     SESSION_RTT: Server Histogram(ROUND_TRIP_S), "session_rtt_seconds"
         ["transport": || each(Transport::ALL.map(Transport::name))],
         "Round trips of the server's pings.";
+    ONE_WAY_DELAY: Server Histogram(ROUND_TRIP_S), "one_way_delay_seconds"
+        ["direction": || each(Direction::ALL.map(Direction::name))],
+        "Halves of those round trips, estimated; off by at most half the least round trip.";
+    SESSION_QUALITY: Server Gauge, "session_quality" [
+        "role": || each(Role::ALL.map(Role::name)),
+        "quality": || each(Quality::ALL.map(Quality::name))],
+        "Sessions open now by how good their path is.";
     STALE: Server Counter, "stale_total"
         ["reason": || each(StaleReason::ALL.map(StaleReason::name))],
         "Commands whose force was taken away.";

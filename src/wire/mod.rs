@@ -8,12 +8,14 @@
 
 mod datagram;
 mod frame;
+mod state;
 mod vector;
 mod version;
 
-pub use datagram::{
-    ContactPart, MAX_COMMAND_BYTES, MAX_STATE_BYTES, WireError, decode, encode, encode_state,
-};
+pub use datagram::{MAX_COMMAND_BYTES, WireError, decode, encode};
 pub use frame::{FrameDecoder, FrameError, MAX_FRAME_BYTES, encode_frame};
+pub use state::{
+    ContactPart, Detail, EventPart, MAX_STATE_BYTES, StateParts, encode_state, max_detailed_bytes,
+};
 pub use vector::{get_pair, get3, number, put_pair, put3};
 pub use version::{PROTOCOL, choose};

@@ -147,7 +147,7 @@ fn a_force_whose_time_ran_out_is_counted_and_a_released_one_not_twice() {
     sessions.on_datagram(id, &datagram(wall_command(1, 0, 0)), MS);
     sessions.on_report(&stale, 200 * MS);
     assert_eq!(sessions.counters().stale(StaleReason::Ttl), 1);
-    sessions.on_datagram(id, &datagram(wall_command(2, 0, 0)), 201 * MS);
+    sessions.on_datagram(id, &datagram(wall_command(2, 0, 200)), 201 * MS);
     drain(&mut sessions);
     let bye = crate::proto::Bye { reason: ByeReason::Done.into(), detail: String::new() };
     sessions.on_message(id, StreamMessage { body: Some(Body::Bye(bye)) }, 202 * MS);

@@ -1,13 +1,20 @@
 //! The sessions of one device in virtual time: each rule, then all of them on a bad network.
 
+mod clutch;
 mod commanding;
+mod ending;
 mod handshakes;
 mod hostile;
 mod link;
 mod network;
+mod rules;
+mod table;
+mod takeover;
 mod timing;
+mod world;
 
 use super::*;
+use crate::control::{Event, Report};
 use crate::proto::{
     Command, Contact, Contacts, HalfSpaceContact, Hello, Welcome, command, contact,
 };
@@ -18,6 +25,7 @@ pub const S: u64 = 1_000 * MS;
 pub fn sessions() -> Sessions {
     Sessions::new(SessionConfig {
         grpc_port: 7350,
+        simulated: true,
         utc_minus_device_ns: 1_000,
         ..SessionConfig::new("cho-2005", MS, 2, 4)
     })
@@ -30,6 +38,7 @@ pub fn hello(name: &str, role: Role) -> Hello {
         role: match role {
             Role::Observer => crate::proto::Role::Observer.into(),
             Role::Controller => crate::proto::Role::Controller.into(),
+            Role::Hand => crate::proto::Role::Hand.into(),
         },
         ..Hello::default()
     }
@@ -126,6 +135,7 @@ pub fn wall_command(seq: u64, client_time_ns: u64, state_seq: u64) -> Command {
         state_seq,
         ttl_ms: 100,
         body: Some(command::Body::Contacts(Contacts { contacts: vec![wall] })),
+        ..Command::default()
     }
 }
 

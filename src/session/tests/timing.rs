@@ -45,7 +45,8 @@ fn round_trips_are_measured_ten_times_a_second() {
         sessions.on_timeout(now_ns);
         for (to, ping) in pings(&drain(&mut sessions)) {
             sessions.on_datagram(to, &pong(ping, MS), now_ns + 5 * MS);
-            measured.extend(drain(&mut sessions));
+            let is_rtt = |output: &Output| matches!(output, Output::Rtt { .. });
+            measured.extend(drain(&mut sessions).into_iter().filter(is_rtt));
         }
     }
     let expected = Output::Rtt { transport: Transport::Quic, rtt_ns: 4 * MS };
