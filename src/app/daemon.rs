@@ -20,7 +20,7 @@ use crate::config::{
     default_state_dir,
 };
 use crate::control::{ControlState, Mode, Setpoint};
-use crate::device::SimulatedDevice;
+use crate::device::{HandProgram, Pointer, PointerInput, SimulatedDevice};
 use crate::host::DeviceHost;
 use crate::link::bridge;
 use crate::net::{self, Identity, StreamHandle, StreamParts};
@@ -82,6 +82,7 @@ impl Daemon {
             identity: ready.identity,
             sessions: session_config(config, &definition, grpc_address.port()),
             link: stream_end,
+            pointer: ready.pointer,
             doorbell: doorbell.try_clone()?,
             metrics: telemetry.stream(),
             round_trips: round_trips.clone(),
@@ -180,6 +181,7 @@ struct Ready {
     scene_file: SceneFile,
     identity: Identity,
     device: SimulatedDevice,
+    pointer: Option<PointerInput>,
     sockets: Sockets,
 }
 
@@ -189,10 +191,16 @@ impl Ready {
         let state_dir = StateDir::open(state_path(config)?)?;
         let (scene_file, scene) = state_dir.scene(&definition.name)?;
         let identity = Identity::load_or_create(state_dir.path())?;
-        let device = SimulatedDevice::new(definition.simulation(config.hand), SEED)
+        let mut device = SimulatedDevice::new(definition.simulation(config.hand), SEED)
             .with_context(|| format!("device {}", definition.name))?;
+        let pointer = (config.hand == HandProgram::Pointer).then(|| {
+            let (p_WB_m, q_WB) = (definition.mount.p_WB_m, definition.mount.q_WB);
+            let (pointer, input) = Pointer::new(p_WB_m, q_WB, definition.tool.offset_B_m);
+            device.follow(pointer);
+            input
+        });
         let sockets = Sockets::bind(config, start.or_free_ports)?;
-        Ok(Self { definition, state_dir, scene, scene_file, identity, device, sockets })
+        Ok(Self { definition, state_dir, scene, scene_file, identity, device, pointer, sockets })
     }
 }
 
@@ -275,7 +283,10 @@ fn session_config(
     let utc_ns = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos());
     SessionConfig {
         max_sessions: config.session.max_sessions,
+        takes_hands: config.hand == HandProgram::Pointer,
         default_ttl_ms: config.session.default_ttl_ms,
+        default_wrench_ttl_ms: config.session.default_wrench_ttl_ms,
+        max_age_ms: config.session.max_age_ms,
         max_ttl_ms: config.session.max_ttl_ms,
         grpc_port,
         utc_minus_device_ns: (utc_ns as i64).wrapping_sub(now_ns() as i64),

@@ -4,7 +4,7 @@ use anyhow::{Context, bail, ensure};
 use clap::{Args, Subcommand};
 use serde_json::{Value, json};
 
-use super::{format, wall};
+use super::{format, hand, wall};
 use crate::client::{
     ConnectString, DEFAULT_GRPC_PORT, DEFAULT_STREAM_PORT, Services, ServicesError, services,
     services_in_plaintext, told,
@@ -75,6 +75,7 @@ enum Action {
   hapticd ctl clear-fault")]
     ClearFault,
     Wall(wall::WallCommand),
+    Hand(hand::Hand),
 }
 
 impl Ctl {
@@ -108,6 +109,7 @@ impl Ctl {
             Action::State { watch: true, interval } => {
                 return watch(&mut services, name, interval, self.json).await;
             }
+            Action::Hand(hand) => return hand.run(&self.connect, &name).await,
             Action::Wall(command) => {
                 return command.run(&mut services.scenes, &name, self.json).await;
             }

@@ -54,7 +54,7 @@ struct Wall {
     /// Built-in device or device file
     #[arg(long, value_name = "NAME|FILE", default_value = "cho-2005")]
     device: String,
-    /// Program of the simulated hand: hold, press-and-slide, circle, random
+    /// Program of the simulated hand: hold, press-and-slide, circle, random, pointer
     #[arg(long, value_name = "PROGRAM", default_value = "press-and-slide")]
     hand: HandProgram,
     /// Keep state here instead of in a folder that is removed afterwards

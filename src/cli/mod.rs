@@ -11,6 +11,7 @@ mod ctl;
 mod demo;
 mod doctor;
 mod format;
+mod hand;
 mod ping;
 mod scene;
 mod serve;

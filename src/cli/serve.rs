@@ -35,7 +35,7 @@ pub struct Settings {
     /// Built-in device (cho-2005, cho-2005-unoptimised, cho-2005-crossed, two-link) or a device file
     #[arg(long, value_name = "NAME|FILE")]
     pub device: Option<String>,
-    /// Program of the simulated hand: hold, press-and-slide, circle, random
+    /// Program of the simulated hand: hold, press-and-slide, circle, random, pointer
     #[arg(long, value_name = "PROGRAM")]
     pub hand: Option<HandProgram>,
     /// Where scenes and the server's identity are kept

@@ -116,10 +116,14 @@ pub enum LogFormat {
 pub struct SessionLimits {
     /// More are refused.
     pub max_sessions: usize,
-    /// How long a command holds that does not say so.
+    /// How long contacts and fields hold that do not say so.
     pub default_ttl_ms: u32,
+    /// How long a wrench holds that does not say so.
+    pub default_wrench_ttl_ms: u32,
     /// How long any command can hold.
     pub max_ttl_ms: u32,
+    /// A command computed from an older State is refused.
+    pub max_age_ms: u32,
 }
 
 /// What a command line says; it takes the place of the file's value.
@@ -152,7 +156,13 @@ impl Default for ServerConfig {
             rt_cpu: None,
             state_dir: None,
             log: LogConfig::default(),
-            session: SessionLimits { max_sessions: 64, default_ttl_ms: 100, max_ttl_ms: 200 },
+            session: SessionLimits {
+                max_sessions: 64,
+                default_ttl_ms: 100,
+                default_wrench_ttl_ms: 20,
+                max_ttl_ms: 200,
+                max_age_ms: 200,
+            },
         }
     }
 }

@@ -42,7 +42,9 @@ struct AddressLayout {
 struct SessionLayout {
     max_sessions: Option<i64>,
     default_ttl_ms: Option<i64>,
+    default_wrench_ttl_ms: Option<i64>,
     max_ttl_ms: Option<i64>,
+    max_age_ms: Option<i64>,
 }
 
 impl ServerLayout {
@@ -83,7 +85,9 @@ impl ServerLayout {
 
 impl SessionLayout {
     fn check(&self, usual: &SessionLimits) -> Result<SessionLimits, FieldError> {
-        let time = |name, written, usual| whole(name, &units::TIME_TO_LIVE, written, usual);
+        let time = |key: &str, written, usual| {
+            whole(&format!("session.{key}"), &units::TIME_TO_LIVE, written, usual)
+        };
         let limits = SessionLimits {
             max_sessions: whole(
                 "session.max_sessions",
@@ -91,16 +95,22 @@ impl SessionLayout {
                 self.max_sessions,
                 usual.max_sessions,
             )?,
-            default_ttl_ms: time(
-                "session.default_ttl_ms",
-                self.default_ttl_ms,
-                usual.default_ttl_ms,
+            default_ttl_ms: time("default_ttl_ms", self.default_ttl_ms, usual.default_ttl_ms)?,
+            default_wrench_ttl_ms: time(
+                "default_wrench_ttl_ms",
+                self.default_wrench_ttl_ms,
+                usual.default_wrench_ttl_ms,
             )?,
-            max_ttl_ms: time("session.max_ttl_ms", self.max_ttl_ms, usual.max_ttl_ms)?,
+            max_ttl_ms: time("max_ttl_ms", self.max_ttl_ms, usual.max_ttl_ms)?,
+            max_age_ms: time("max_age_ms", self.max_age_ms, usual.max_age_ms)?,
         };
-        if limits.default_ttl_ms > limits.max_ttl_ms {
+        let defaults = [
+            ("session.default_ttl_ms", limits.default_ttl_ms),
+            ("session.default_wrench_ttl_ms", limits.default_wrench_ttl_ms),
+        ];
+        if let Some((key, ms)) = defaults.into_iter().find(|(_, ms)| *ms > limits.max_ttl_ms) {
             let allowed = format!("must be at most session.max_ttl_ms = {} ms", limits.max_ttl_ms);
-            return Err(FieldError::new("session.default_ttl_ms", limits.default_ttl_ms, allowed));
+            return Err(FieldError::new(key, ms, allowed));
         }
         Ok(limits)
     }

@@ -23,11 +23,12 @@ use tokio::sync::{mpsc, oneshot};
 use super::Identity;
 use crate::clock::now_ns;
 use crate::control::{Report, Setpoint};
+use crate::device::{PointerInput, PointerTarget};
 use crate::link::StreamEnd;
 use crate::proto::StreamMessage;
 use crate::quic;
 use crate::session::{
-    Outcome, Output, Quality, Role, SessionConfig, SessionId, Sessions, Transport,
+    HandTarget, Outcome, Output, Quality, Role, SessionConfig, SessionId, Sessions, Transport,
 };
 use crate::telemetry::{RoundTrips, StreamMetrics};
 use crate::wire::{FrameDecoder, encode_frame};
@@ -57,6 +58,8 @@ pub struct StreamParts {
     pub sessions: SessionConfig,
     /// The bridge to the real-time thread.
     pub link: StreamEnd<Setpoint, Report>,
+    /// The hand of a simulated device, where a person pulls it.
+    pub pointer: Option<PointerInput>,
     /// Rung by it after every tick.
     pub doorbell: OwnedFd,
     /// Where to count.
@@ -148,10 +151,16 @@ impl Peer {
     }
 }
 
+fn pointed(target: &HandTarget) -> PointerTarget {
+    let HandTarget { position_W_m, held, buttons, .. } = *target;
+    PointerTarget { p_WT_m: position_W_m, holds: held, buttons }
+}
+
 /// What the tasks share, one at a time.
 struct Hub {
     sessions: Sessions,
     link: StreamEnd<Setpoint, Report>,
+    pointer: Option<PointerInput>,
     peers: HashMap<SessionId, Peer>,
     metrics: StreamMetrics,
     round_trips: RoundTrips,
@@ -163,6 +172,7 @@ async fn serve(parts: StreamParts, config: ServerConfig, stopped: oneshot::Recei
     let hub = Rc::new(RefCell::new(Hub {
         sessions: Sessions::new(parts.sessions),
         link: parts.link,
+        pointer: parts.pointer,
         peers: HashMap::new(),
         metrics: parts.metrics,
         round_trips: parts.round_trips,
@@ -393,8 +403,12 @@ impl Hub {
                 Output::OneWay { direction, delay_ns, .. } => {
                     self.metrics.one_way(direction, delay_ns);
                 }
-                // Only a device that lets itself be pulled is said to be simulated.
-                Output::Hand(_) => {}
+                Output::Hand(target) => {
+                    // A device without one is never said to have a hand to pull.
+                    if let Some(pointer) = &mut self.pointer {
+                        pointer.write(pointed(&target));
+                    }
+                }
             }
         }
     }

@@ -71,7 +71,7 @@ pub struct SessionConfig {
     /// More connections are refused.
     pub max_sessions: usize,
     /// Its handle can be pulled by a session of role hand.
-    pub simulated: bool,
+    pub takes_hands: bool,
     /// How long contacts and force fields hold whose command does not say.
     pub default_ttl_ms: u32,
     /// How long a wrench holds whose command does not say.
@@ -95,7 +95,7 @@ impl SessionConfig {
             freedoms,
             actuators,
             max_sessions: 64,
-            simulated: false,
+            takes_hands: false,
             default_ttl_ms: 100,
             default_wrench_ttl_ms: 20,
             max_ttl_ms: 200,

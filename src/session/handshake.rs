@@ -85,12 +85,12 @@ fn role(hello: &Hello, config: &SessionConfig) -> Result<Role, FieldError> {
     match proto::Role::try_from(hello.role) {
         Ok(proto::Role::Observer) => Ok(Role::Observer),
         Ok(proto::Role::Controller) => Ok(Role::Controller),
-        Ok(proto::Role::Hand) if config.simulated => Ok(Role::Hand),
+        Ok(proto::Role::Hand) if config.takes_hands => Ok(Role::Hand),
         _ => {
-            let hand = if config.simulated {
+            let hand = if config.takes_hands {
                 ", or ROLE_HAND (3)"
             } else {
-                ": the device is not simulated"
+                ": this device has no hand to pull (serve --hand pointer has)"
             };
             let allowed = format!("must be ROLE_OBSERVER (1) or ROLE_CONTROLLER (2){hand}");
             Err(FieldError::new("role", hello.role, allowed))
@@ -222,8 +222,8 @@ mod tests {
         let hand = Hello { role: proto::Role::Hand.into(), ..good() };
         let mut config = SessionConfig::new("cho-2005", 1_000_000, 2, 4);
         let refusal = agree(&hand, &config).unwrap_err().detail;
-        assert!(refusal.contains("role = 3") && refusal.contains("is not simulated"), "{refusal}");
-        config.simulated = true;
+        assert!(refusal.contains("role = 3") && refusal.contains("--hand pointer"), "{refusal}");
+        config.takes_hands = true;
         assert_eq!(agree(&hand, &config).unwrap().role, Role::Hand);
         let grasping = Hello { takeover: true, ..hand };
         let refusal = agree(&grasping, &config).unwrap_err().detail;

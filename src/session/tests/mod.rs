@@ -25,7 +25,7 @@ pub const S: u64 = 1_000 * MS;
 pub fn sessions() -> Sessions {
     Sessions::new(SessionConfig {
         grpc_port: 7350,
-        simulated: true,
+        takes_hands: true,
         utc_minus_device_ns: 1_000,
         ..SessionConfig::new("cho-2005", MS, 2, 4)
     })
