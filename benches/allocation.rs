@@ -170,7 +170,7 @@ fn four_brakes(rng: &mut ChaCha8Rng) -> Vec<Case> {
         let hand_force = Some(planar(rng, 0.0..1.5));
         let handle = Handle { velocity, hand_force, inertia: posture.inertia, tick_s: 1e-3 };
         let normal = planar(rng, 0.0..1.0).normalize();
-        let walls = [WallDemand { normal, force_N: rng.random_range(1.0..100.0) }];
+        let walls = [WallDemand { normal, force_N: rng.random_range(1.0..100.0), depth_m: 0.0 }];
         Case { capability, handle, desired: planar(rng, -1.0..2.0), walls }
     };
     postures.into_iter().map(case).collect()

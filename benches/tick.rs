@@ -55,7 +55,7 @@ fn main() {
         run("one wall, sliding", &one, sliding),
         run(
             "one wall with friction, viscous field",
-            &|| Experiment::new(slide, scene(soft), &[]),
+            &|| Experiment::new(slide, scene(soft.clone()), &[]),
             sliding,
         ),
         run("64 objects, 8 walls touched, sliding", &|| many(64), sliding),

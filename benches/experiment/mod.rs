@@ -25,7 +25,8 @@ pub const WALL_N_PER_M: f64 = 1e7;
 
 /// A plane whose free side is where `normal_W` points.
 pub fn plane(point_W_m: Vector3<f64>, normal_W: Vector3<f64>, friction: f64) -> Surface {
-    let material = Material { stiffness_N_per_m: WALL_N_PER_M, damping_Ns_per_m: 0.0, friction };
+    let material = Material { stiffness_N_per_m: WALL_N_PER_M, ..Material::default() };
+    let material = material.with_friction(friction);
     Surface {
         shape: Shape::HalfSpace { point_W_m, normal_W },
         material,

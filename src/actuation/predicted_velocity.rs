@@ -38,10 +38,13 @@ pub struct Handle {
 /// One wall that asks to be held.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct WallDemand {
-    /// Unit vector out of the wall, translation only.
+    /// Wrench of a unit force out of the wall: its translation part has length 1, its third
+    /// part is the moment of that force about H, zero on a device with two freedoms.
     pub normal: PlaneVector,
     /// Force asked for along it, never negative.
     pub force_N: f64,
+    /// How deep the tool is in it, metres; the deepest of what pushes the same way.
+    pub depth_m: f64,
 }
 
 /// The inverse of the inertia, freedom by freedom.
@@ -184,7 +187,7 @@ mod tests {
     }
 
     fn wall(force_N: f64) -> WallDemand {
-        WallDemand { normal: -PlaneVector::x(), force_N }
+        WallDemand { normal: -PlaneVector::x(), force_N, depth_m: 0.0 }
     }
 
     const RAYS: [[f64; 2]; 4] = [[-3.0, 2.5], [-3.5, -1.0], [-1.0, 4.0], [4.0, -9.0]];

@@ -161,7 +161,7 @@ mod tests {
     }
 
     const WALL: [WallDemand; 1] =
-        [WallDemand { normal: PlaneVector::new(-1.0, 0.0, 0.0), force_N: 30.0 }];
+        [WallDemand { normal: PlaneVector::new(-1.0, 0.0, 0.0), force_N: 30.0, depth_m: 0.0 }];
 
     #[test]
     fn names_are_read_as_they_are_written() {

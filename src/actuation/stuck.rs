@@ -52,7 +52,10 @@ impl StuckDetector {
 
 /// The hand's force without what presses into the walls.
 fn free_part(force: &PlaneVector, walls: &[WallDemand]) -> PlaneVector {
-    walls.iter().fold(*force, |left, wall| left - wall.normal * left.dot(&wall.normal).min(0.0))
+    walls.iter().fold(*force, |left, wall| {
+        let out = PlaneVector::new(wall.normal.x, wall.normal.y, 0.0);
+        left - out * left.dot(&out).min(0.0)
+    })
 }
 
 #[cfg(test)]
@@ -60,7 +63,7 @@ mod tests {
     use super::*;
 
     const WALL: [WallDemand; 1] =
-        [WallDemand { normal: PlaneVector::new(-1.0, 0.0, 0.0), force_N: 30.0 }];
+        [WallDemand { normal: PlaneVector::new(-1.0, 0.0, 0.0), force_N: 30.0, depth_m: 0.0 }];
 
     fn after(ticks: usize, hand: Option<[f64; 2]>, speed: f64, held: bool) -> bool {
         let mut detector = StuckDetector::default();

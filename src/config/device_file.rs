@@ -258,7 +258,7 @@ impl ToolLayout {
             units::TOOL_OFFSET.check(&format!("tool.offset_m[{i}]"), value)?;
         }
         let radius_m = units::TOOL_RADIUS.check("tool.radius_m", self.radius_m)?;
-        Ok(Tool { offset_B_m: Vector3::from(self.offset_m), radius_m })
+        Ok(Tool { offset_B_m: Vector3::from(self.offset_m), radius_m, ..Tool::default() })
     }
 }
 

@@ -155,10 +155,10 @@ fn check_kind(kind: ObjectKind) -> Result<ObjectKind, FieldError> {
 }
 
 fn check_material(material: &Material) -> Result<(), FieldError> {
-    let Material { stiffness_N_per_m, damping_Ns_per_m, friction } = *material;
+    let Material { stiffness_N_per_m, damping_Ns_per_m, static_friction, .. } = *material;
     units::STIFFNESS.check("material.stiffness_n_per_m", stiffness_N_per_m)?;
     units::DAMPING.check("material.damping_ns_per_m", damping_Ns_per_m)?;
-    units::FRICTION.check("material.friction", friction)?;
+    units::FRICTION.check("material.friction", static_friction)?;
     Ok(())
 }
 
@@ -183,8 +183,13 @@ fn unit(field: &str, vector: &Vector3<f64>) -> Result<Vector3<f64>, FieldError> 
 mod tests {
     use super::*;
 
-    const STIFF: Material =
-        Material { stiffness_N_per_m: 1e7, damping_Ns_per_m: 10.0, friction: 0.2 };
+    const STIFF: Material = Material {
+        stiffness_N_per_m: 1e7,
+        damping_Ns_per_m: 10.0,
+        static_friction: 0.2,
+        kinetic_friction: 0.2,
+        surface_velocity_W_m_per_s: Vector3::new(0.0, 0.0, 0.0),
+    };
 
     fn object(kind: ObjectKind, material: Option<Material>) -> Result<SceneObject, FieldError> {
         SceneObject::new(Id::parse("id", "thing").unwrap(), kind, material, false)
@@ -208,8 +213,11 @@ mod tests {
         let x = |x| Vector3::new(x, 0.0, 0.0);
         let sphere = |x_m, radius_m| ObjectKind::Sphere { centre_m: x(x_m), radius_m };
         let material = |stiffness, damping, friction| {
-            let surface =
-                Material { stiffness_N_per_m: stiffness, damping_Ns_per_m: damping, friction };
+            let surface = Material {
+                stiffness_N_per_m: stiffness,
+                damping_Ns_per_m: damping,
+                ..STIFF.with_friction(friction)
+            };
             object(wall(-Vector3::x()), Some(surface))
         };
         let refusals = [

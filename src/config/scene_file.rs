@@ -180,8 +180,11 @@ mod tests {
     /// A scene with every kind of object and awkward numbers.
     fn scene() -> Scene {
         let mut scene = Scene::default();
-        let material =
-            Material { stiffness_N_per_m: 0.1 + 0.2, damping_Ns_per_m: 1e-7, friction: 1.0 / 3.0 };
+        let material = Material {
+            stiffness_N_per_m: 0.1 + 0.2,
+            damping_Ns_per_m: 1e-7,
+            ..Material::default().with_friction(1.0 / 3.0)
+        };
         let kinds = [
             (ObjectKind::Constant { force_N: Vector3::new(-0.0, 1e-300, -999.9) }, None),
             (ObjectKind::Viscous { damping_Ns_per_m: 5.0 }, None),

@@ -134,7 +134,7 @@ fn read_object(layout: ObjectLayout) -> Result<(u16, SceneObject), FieldError> {
     let material = layout.material.map(|material| Material {
         stiffness_N_per_m: material.stiffness_n_per_m,
         damping_Ns_per_m: material.damping_ns_per_m,
-        friction: material.friction,
+        ..Material::default().with_friction(material.friction)
     });
     let object = SceneObject::new(id, kind, material, layout.hollow)?;
     Ok((slot, object.at_revision(revision)))
@@ -166,7 +166,7 @@ fn write_object(
         material: object.material().map(|material| MaterialLayout {
             stiffness_n_per_m: material.stiffness_N_per_m,
             damping_ns_per_m: material.damping_Ns_per_m,
-            friction: material.friction,
+            friction: material.static_friction,
         }),
     };
     match *object.kind() {

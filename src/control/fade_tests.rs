@@ -59,7 +59,12 @@ impl Rig {
         let mut plan = build_plan(&device, &Scene::default());
         plan.guards.stale_ramp_ns = RAMP_MS * MS;
         if scene {
-            let element = Element::Surface(wall(0.35, 2000.0));
+            // Slanted: one that coincides with the controller's would share one clipping.
+            let mut slanted = wall(0.35, 2000.0);
+            if let Shape::HalfSpace { normal_W, .. } = &mut slanted.shape {
+                *normal_W = Vector3::new(-0.8, -0.6, 0.0);
+            }
+            let element = Element::Surface(slanted);
             plan.scene = [SceneItem { slot: 0, revision: 1, element }].into();
         }
         let state = ControlState::new(Mode::Enabled);

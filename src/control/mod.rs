@@ -26,6 +26,7 @@ mod setpoint;
 mod stale;
 mod state;
 mod tick;
+mod walls;
 
 pub use command::{ControlCommand, ControlReply};
 pub use estimate::Estimate;
@@ -42,3 +43,5 @@ pub use tick::{Decision, TickInput, tick};
 mod fade_tests;
 #[cfg(test)]
 mod passivity_tests;
+#[cfg(test)]
+mod touch_tests;

@@ -12,7 +12,9 @@ use rand_chacha::ChaCha8Rng;
 use super::*;
 use crate::actuation::Strategy;
 use crate::config::{DeviceDefinition, Scene, build_plan};
-use crate::environment::{Contact, Element, ForceField, Material, SceneItem, Shape, Surface};
+use crate::environment::{
+    Contact, Element, ForceField, Guide, Material, SceneItem, Shape, Surface,
+};
 use crate::mechanism::Mechanism;
 use crate::notation::PlaneVector;
 
@@ -48,17 +50,29 @@ impl Wanderer {
 
 fn any_surface(rng: &mut ChaCha8Rng) -> Surface {
     let mut point = || Vector3::new(rng.random_range(-0.6..0.6), rng.random_range(-0.6..0.6), 0.0);
-    let (a, b) = (point(), point());
-    let shape = if rng.random_bool(0.6) {
-        let normal_W = (a - b).try_normalize(1e-6).unwrap_or_else(Vector3::x);
-        Shape::HalfSpace { point_W_m: a, normal_W }
-    } else {
-        Shape::Sphere { centre_W_m: a, radius_m: rng.random_range(0.01..0.4) }
+    let (a, b, surface_velocity_W_m_per_s) = (point(), point(), point());
+    let normal_W = (a - b).try_normalize(1e-6).unwrap_or_else(Vector3::x);
+    let radius_m = rng.random_range(0.01..0.4);
+    let shape = match rng.random_range(0..8) {
+        0..4 => Shape::HalfSpace { point_W_m: a, normal_W },
+        4 => Shape::Sphere { centre_W_m: a, radius_m },
+        5 => Shape::Box {
+            centre_W_m: a,
+            q_WS: nalgebra::UnitQuaternion::from_scaled_axis(b),
+            half_extents_m: b.abs() + Vector3::repeat(0.001),
+        },
+        6 => Shape::Capsule { ends_W_m: [a, b], radius_m: 0.1 * radius_m },
+        _ => {
+            let path = Guide::Line { point_W_m: a, direction_W: normal_W };
+            Shape::Guide { path, radius_m: 0.1 * radius_m }
+        }
     };
     let material = Material {
         stiffness_N_per_m: 10f64.powf(rng.random_range(1.0..9.0)),
         damping_Ns_per_m: rng.random_range(0.0..1e3),
-        friction: rng.random_range(0.0..2.0),
+        static_friction: rng.random_range(1.0..2.0),
+        kinetic_friction: rng.random_range(0.0..1.0),
+        surface_velocity_W_m_per_s,
     };
     Surface { shape, material, hollow: rng.random_bool(0.3), blend_s: rng.random_range(0.0..0.05) }
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::actuation::{ActuatorKind, Strategy};
-use crate::environment::SceneItem;
+use crate::environment::{MAX_POINTS, SceneItem};
 use crate::mechanism::Mechanism;
 use crate::notation::{ActuatorVector, MAX_ACTUATORS, PlaneVector};
 
@@ -27,10 +27,22 @@ impl Default for Mount {
 /// What is fixed to the handle.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct Tool {
-    /// From H to T, along the axes of B, metres.
+    /// From H to T, along the axes of B, metres; on a device with three freedoms as the
+    /// handle is at phi = 0, and turned with it.
     pub offset_B_m: Vector3<f64>,
-    /// Radius of the tool, metres.
+    /// Radius of the tool, metres, at each of its contact points.
     pub radius_m: f64,
+    /// From T to where the tool can be touched, along its own axes, metres.
+    pub points_T_m: [Vector3<f64>; MAX_POINTS],
+    /// How many of `points_T_m` count; none: it is touched at T.
+    pub point_count: usize,
+}
+
+impl Tool {
+    /// Where it can be touched, from T; none: at T itself.
+    pub fn points_T_m(&self) -> &[Vector3<f64>] {
+        &self.points_T_m[..self.point_count.min(MAX_POINTS)]
+    }
 }
 
 /// What a tick has to know of the actuators and their encoders.

@@ -7,7 +7,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::{DeviceError, Fault, Limits, Mode};
 use crate::actuation::{Bounds, Region, Strategy};
-use crate::environment::{MAX_CONSTRAINTS, Source};
+use crate::environment::{MAX_TOUCHES, Source};
 use crate::notation::{ActuatorVector, PlaneVector};
 
 /// Force and moment in W, at and about T.
@@ -17,6 +17,14 @@ pub struct Wrench {
     pub force_N: Vector3<f64>,
     /// Newton metres.
     pub moment_Nm: Vector3<f64>,
+}
+
+impl Wrench {
+    /// Adds a force that acts at an arm from T.
+    pub fn add(&mut self, force_N: &Vector3<f64>, arm_m: &Vector3<f64>) {
+        self.force_N += force_N;
+        self.moment_Nm += arm_m.cross(force_N);
+    }
 }
 
 /// Where the rendered wrench comes from.
@@ -44,6 +52,8 @@ pub struct ContactResult {
     pub normal_N: f64,
     /// Friction force asked for, newtons.
     pub friction_N: f64,
+    /// Friction holds the tool where it is.
+    pub sticking: bool,
 }
 
 /// Something that happened, with what it happened to.
@@ -114,7 +124,7 @@ pub struct Report {
     /// The law that chose; `None` while nothing is rendered.
     pub law: Option<Strategy>,
     /// Surfaces entered.
-    pub contacts: [ContactResult; MAX_CONSTRAINTS],
+    pub contacts: [ContactResult; MAX_TOUCHES],
     /// How many of `contacts` count.
     pub contact_count: usize,
     /// Buttons held.
@@ -148,7 +158,7 @@ pub struct Report {
 impl Report {
     /// The surfaces entered.
     pub fn contacts(&self) -> &[ContactResult] {
-        &self.contacts[..self.contact_count.min(MAX_CONSTRAINTS)]
+        &self.contacts[..self.contact_count.min(MAX_TOUCHES)]
     }
 
     /// Events of this tick with their numbers.

@@ -112,19 +112,23 @@ impl Default for Setpoint {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::UnitQuaternion;
+
     use super::*;
+    use crate::environment::ToolMotion;
 
     #[test]
     fn a_command_has_one_body_and_a_wrench_is_the_same_everywhere() {
         let wrench = Wrench { force_N: Vector3::x(), moment_Nm: Vector3::z() * 0.1 };
         let setpoint = Setpoint::NONE.with_wrench(wrench);
         for place in [0.0, 0.3, 1e6] {
-            let tool = Tool {
+            let motion = ToolMotion {
                 p_WT_m: Vector3::repeat(place),
+                q_WT: UnitQuaternion::identity(),
                 v_WT_m_per_s: Vector3::repeat(-place),
-                radius_m: 0.0,
-                tick_s: 1e-3,
+                omega_WT_rad_per_s: Vector3::zeros(),
             };
+            let tool = Tool::new(&motion, &[], 0.0, 1e-3);
             assert_eq!(setpoint.soft(&tool), wrench);
             assert_eq!(setpoint.with_contacts(&[]).soft(&tool), Wrench::default());
         }

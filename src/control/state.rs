@@ -5,7 +5,9 @@ use super::stale::{Authority, Before};
 use super::{ActuatorCommands, ContactResult, Event, Fault, Mode, ModeCommand, ModeRefusal};
 use super::{Plan, RELEASED, Report};
 use crate::actuation::StuckDetector;
-use crate::environment::{Contact, MAX_CONSTRAINTS, MAX_CONTACTS, MAX_OBJECTS, SurfaceState};
+use crate::environment::{
+    Contact, MAX_CONTACTS, MAX_OBJECTS, MAX_POINTS, MAX_TOUCHES, SurfaceState, Tool,
+};
 use crate::notation::PlaneVector;
 
 /// Ticks whose sensing time is remembered, to tell the age of a command.
@@ -21,8 +23,11 @@ pub struct ControlState {
     pub(super) authority: Authority,
     pub(super) stuck: StuckDetector,
     pub(super) was_stuck: bool,
-    pub(super) scene: Box<[SurfaceState; MAX_OBJECTS]>,
+    /// Of each point of the tool, by slot.
+    pub(super) scene: Box<[[SurfaceState; MAX_OBJECTS]]>,
     pub(super) contacts: ContactStates,
+    /// The tool in the last tick, and what it was made from; `None`: surfaces have no past.
+    pub(super) tool: Option<(Tool, super::Mount, super::Tool)>,
     /// Epoch and number of the command last in force.
     pub(super) command: (u64, u64),
     /// What was asked in the last tick.
@@ -30,7 +35,7 @@ pub struct ControlState {
     pub(super) soft_BH_N: PlaneVector,
     pub(super) commands: ActuatorCommands,
     pub(super) last: Report,
-    pub(super) touched: ([ContactResult; MAX_CONSTRAINTS], usize),
+    pub(super) touched: ([ContactResult; MAX_TOUCHES], usize),
     /// Ticks in a row without an estimate.
     pub(super) blind_ticks: u32,
     pub(super) events: EventLog,
@@ -39,7 +44,7 @@ pub struct ControlState {
 
 impl ControlState {
     /// A device that has just been opened, in this mode.
-    #[expect(clippy::disallowed_methods, reason = "allocates once, before the first tick")]
+    #[expect(clippy::disallowed_macros, reason = "allocates once, before the first tick")]
     pub fn new(mode: Mode) -> Self {
         Self {
             tick: 0,
@@ -49,14 +54,15 @@ impl ControlState {
             authority: Authority::default(),
             stuck: StuckDetector::default(),
             was_stuck: false,
-            scene: Box::new([SurfaceState::default(); MAX_OBJECTS]),
+            scene: vec![[SurfaceState::default(); MAX_OBJECTS]; MAX_POINTS].into(),
             contacts: ContactStates::default(),
+            tool: None,
             command: (0, 0),
             before: Before::default(),
             soft_BH_N: PlaneVector::zeros(),
             commands: RELEASED,
             last: Report::default(),
-            touched: ([ContactResult::default(); MAX_CONSTRAINTS], 0),
+            touched: ([ContactResult::default(); MAX_TOUCHES], 0),
             blind_ticks: 0,
             events: EventLog::default(),
             times_ns: [0; TIMES],
@@ -102,19 +108,23 @@ impl ControlState {
                 *used = true;
             }
         }
-        for (state, _) in self.scene.iter_mut().zip(used).filter(|(_, used)| !used) {
-            *state = SurfaceState::default();
+        for layer in &mut self.scene {
+            for (state, _) in layer.iter_mut().zip(used).filter(|(_, used)| !used) {
+                state.reset();
+            }
         }
+    }
+
+    /// Surfaces have no past: what the tool is inside of now is given away.
+    pub(super) fn forget_surfaces(&mut self) {
+        let used = self.tool.as_ref().map_or(0, |(tool, ..)| tool.points().len());
+        self.scene[..used].iter_mut().flatten().for_each(SurfaceState::reset);
+        self.contacts = ContactStates::default();
     }
 
     fn enter(&mut self, mode: Mode) {
         if self.mode != mode {
             self.mode = mode;
-            if mode == Mode::Enabled {
-                // Whatever the handle was moved into meanwhile must not seize it.
-                self.scene.fill(SurfaceState::default());
-                self.contacts = ContactStates::default();
-            }
             self.events.push(Event::Mode(mode));
         }
     }
@@ -131,27 +141,53 @@ impl ControlState {
 }
 
 /// Surface states of the controller's contacts, by contact id.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct ContactStates {
     epoch: u64,
-    states: [Option<(u32, SurfaceState)>; MAX_CONTACTS],
+    ids: [Option<u32>; MAX_CONTACTS],
+    /// Of each point of the tool, in the order of `ids`.
+    states: [[SurfaceState; MAX_CONTACTS]; MAX_POINTS],
+}
+
+impl Default for ContactStates {
+    fn default() -> Self {
+        Self {
+            epoch: 0,
+            ids: [None; MAX_CONTACTS],
+            states: [[SurfaceState::default(); MAX_CONTACTS]; MAX_POINTS],
+        }
+    }
 }
 
 impl ContactStates {
     /// Keeps the states of these contacts, in their order, and forgets all others. Another
     /// controller's ids (another lease epoch) mean other surfaces.
     pub fn follow<'a>(&mut self, epoch: u64, contacts: impl Iterator<Item = &'a Contact>) {
-        let before = if epoch == self.epoch { self.states } else { [None; MAX_CONTACTS] };
-        *self = Self { epoch, ..Self::default() };
-        for (place, contact) in self.states.iter_mut().zip(contacts) {
-            let known = before.iter().flatten().find(|(id, _)| *id == contact.id);
-            *place = Some(known.copied().unwrap_or((contact.id, SurfaceState::default())));
+        let mut ids = [None; MAX_CONTACTS];
+        ids.iter_mut().zip(contacts).for_each(|(id, contact)| *id = Some(contact.id));
+        if (epoch, ids) == (self.epoch, self.ids) {
+            return;
         }
+        let before = if epoch == self.epoch { self.ids } else { [None; MAX_CONTACTS] };
+        for layer in &mut self.states {
+            let old = *layer;
+            for (state, id) in layer.iter_mut().zip(ids) {
+                let place = before.iter().position(|known| id.is_some() && *known == id);
+                *state = place.map_or_else(SurfaceState::default, |place| old[place]);
+            }
+        }
+        (self.epoch, self.ids) = (epoch, ids);
     }
 
-    /// The states, in the order last followed.
-    pub fn iter_mut(&mut self) -> impl Iterator<Item = &mut SurfaceState> {
-        self.states.iter_mut().flatten().map(|(_, state)| state)
+    /// The states at one point of the tool, in the order last followed.
+    pub fn at_point(&mut self, point: usize) -> &mut [SurfaceState] {
+        self.states.get_mut(point).map_or(&mut [], |layer| layer)
+    }
+
+    /// The state of one contact at one point of the tool.
+    pub fn get_mut(&mut self, point: usize, id: u32) -> Option<&mut SurfaceState> {
+        let place = self.ids.iter().position(|known| *known == Some(id))?;
+        self.states.get_mut(point)?.get_mut(place)
     }
 }
 

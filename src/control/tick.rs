@@ -1,19 +1,20 @@
 //! The tick itself: read top to bottom, it is the sentence of the module's header.
 
-use nalgebra::UnitQuaternion;
+use nalgebra::{UnitQuaternion, Vector3};
 
 use super::desire::{Asking, Request, proxy_W_m};
 use super::estimate::Estimate;
+use super::plan::Tool as ToolPlan;
 use super::stale::Before;
 use super::state::ContactStates;
 use super::{
-    ActuatorCommands, ControlState, DeviceError, Event, Fault, Limit, Limits, Mode, Plan,
+    ActuatorCommands, ControlState, DeviceError, Event, Fault, Limit, Limits, Mode, Mount, Plan,
     RenderedSource, Report, Sample, Setpoint, Wrench, guard, values_Nm,
 };
 use crate::actuation::{
     ActuatorKind, Bounds, Capability, Handle, Outcome, ShaftMotion, allocate, approximation_angle,
 };
-use crate::environment::{Desired, SurfaceState, Tool};
+use crate::environment::{Desired, Source, Tool, ToolMotion};
 use crate::notation::{ActuatorVector, PlaneVector};
 
 /// What one tick is given.
@@ -123,7 +124,7 @@ fn blind(state: &mut ControlState, input: &TickInput) -> Decision {
 
 fn render(state: &mut ControlState, estimate: &Estimate, input: &TickInput) -> Decision {
     let plan = input.plan;
-    let tool = tool_of(estimate, plan);
+    let tool = tool_of(state, estimate, plan);
     let capability = capability(estimate, plan);
     let (desired, request) = desire(state, estimate, &tool, &capability, input);
     let mut limits = request.limits;
@@ -149,7 +150,7 @@ fn render(state: &mut ControlState, estimate: &Estimate, input: &TickInput) -> D
     report.stuck = stuck;
     report.commanded_Nm = values_Nm(&commands);
     if rendering {
-        achieved(&mut report, &request, &outcome, plan);
+        achieved(&mut report, estimate, &request, &outcome, plan);
         // The direction of a velocity that is no more than a count's flicker says nothing.
         report.region = outcome.region.filter(|_| report.law.is_some() && !estimate.is_at_rest());
     }
@@ -160,14 +161,47 @@ fn render(state: &mut ControlState, estimate: &Estimate, input: &TickInput) -> D
     Decision { commands, report }
 }
 
-fn tool_of(estimate: &Estimate, plan: &Plan) -> Tool {
-    let at_B = nalgebra::Vector3::new(estimate.p_BH.x, estimate.p_BH.y, 0.0) + plan.tool.offset_B_m;
-    Tool {
-        p_WT_m: plan.mount.p_WB_m + plan.mount.q_WB * at_B,
-        v_WT_m_per_s: plan.plane_to_W(&estimate.v_BH),
-        radius_m: plan.tool.radius_m,
-        tick_s: plan.tick_s(),
+/// The tool as it is now; surfaces lose their past where the tool did not get here by itself:
+/// another tool or mount, or the device begins to render.
+fn tool_of(state: &mut ControlState, estimate: &Estimate, plan: &Plan) -> Tool {
+    let tool = Tool::new(
+        &motion_of(estimate, plan),
+        plan.tool.points_T_m(),
+        plan.tool.radius_m,
+        plan.tick_s(),
+    );
+    let begins = state.mode == Mode::Enabled && state.last.mode != Mode::Enabled;
+    let same = |(_, mount, made_from): &(Tool, Mount, ToolPlan)| {
+        (mount, made_from) == (&plan.mount, &plan.tool)
+    };
+    if begins || !state.tool.as_ref().is_some_and(same) {
+        state.forget_surfaces();
+        state.tool = None;
     }
+    let tool = state.tool.as_ref().map_or(tool, |(last, _, _)| tool.after(last));
+    state.tool = Some((tool, plan.mount, plan.tool));
+    tool
+}
+
+fn motion_of(estimate: &Estimate, plan: &Plan) -> ToolMotion {
+    let Mount { p_WB_m, q_WB } = plan.mount;
+    let handle_B_m = Vector3::new(estimate.p_BH.x, estimate.p_BH.y, 0.0);
+    let turned = turned(estimate, plan);
+    let offset_W_m = q_WB * (turned * plan.tool.offset_B_m);
+    let rate = if plan.mechanism.freedoms() == 3 { estimate.v_BH.z } else { 0.0 };
+    let omega_WT_rad_per_s = q_WB * Vector3::new(0.0, 0.0, rate);
+    ToolMotion {
+        p_WT_m: p_WB_m + q_WB * handle_B_m + offset_W_m,
+        q_WT: q_WB * turned,
+        v_WT_m_per_s: plan.plane_to_W(&estimate.v_BH) + omega_WT_rad_per_s.cross(&offset_W_m),
+        omega_WT_rad_per_s,
+    }
+}
+
+/// How the tool is turned in B: with the handle, where that is a freedom.
+fn turned(estimate: &Estimate, plan: &Plan) -> UnitQuaternion<f64> {
+    let turned_rad = if plan.mechanism.freedoms() == 3 { estimate.p_BH.z } else { 0.0 };
+    UnitQuaternion::from_euler_angles(0.0, 0.0, turned_rad)
 }
 
 /// What the scene and the controller want here, raw and as requests in the plane.
@@ -183,35 +217,44 @@ fn desire(
     if change.ran_out {
         state.events.push(Event::Stale);
     }
-    if change.returned {
+    if change.declutched {
+        state.forget_surfaces();
+    } else if change.returned {
         state.contacts = ContactStates::default();
     }
     let controller_cap_N = state.authority.cap_N(input.now_ns, ramp_ns);
     let clutch_cap_N = state.authority.clutch_cap_N(input.now_ns, ramp_ns);
+    let live = controller_cap_N > 0.0;
+    let contacts = || setpoint.contacts().filter(|_| live);
+    state.contacts.follow(setpoint.epoch, contacts());
     let mut desired = Desired::default();
-    for item in &input.plan.scene {
-        if let Some(surface) = state.scene.get_mut(usize::from(item.slot)) {
-            if change.declutched {
-                *surface = SurfaceState::default();
-            }
-            if clutch_cap_N > 0.0 {
-                desired.add_item(item, surface, tool);
+    for (point, layer) in state.scene.iter_mut().enumerate().take(tool.points().len()) {
+        for item in input.plan.scene.iter().filter(|_| clutch_cap_N > 0.0) {
+            if let Some(surface) = layer.get_mut(usize::from(item.slot)) {
+                desired.add_item(item, surface, tool, point);
             }
         }
-    }
-    let live = controller_cap_N > 0.0;
-    let contacts = setpoint.contacts().filter(|_| live);
-    state.contacts.follow(setpoint.epoch, contacts);
-    for (contact, surface) in setpoint.contacts().zip(state.contacts.iter_mut()) {
-        desired.add_contact(contact, surface, tool);
+        for (contact, surface) in contacts().zip(state.contacts.at_point(point)) {
+            desired.add_contact(contact, surface, tool, point);
+        }
     }
     let controller = if live { setpoint.soft(tool) } else { Wrench::default() };
     let asking =
         Asking { tool, estimate, plan: input.plan, capability, controller, controller_cap_N };
     let mut request = Request::from_desired(&desired, &asking);
-    request.cap(clutch_cap_N);
+    request.cap(clutch_cap_N, &asking);
     request.limits.set(Limit::Clutch, state.authority.is_clutched());
-    state.before = Before { controller_N: request.controller_N, total_N: request.total_N() };
+    let total_N = request.total_N(&asking);
+    state.before = Before { controller_N: request.controller_N, total_N };
+    for (constraint, load_N) in request.loads(&desired) {
+        let surface = match constraint.source {
+            Source::Scene => state.scene[constraint.point].get_mut(constraint.id as usize),
+            Source::Controller => state.contacts.get_mut(constraint.point, constraint.id),
+        };
+        if let Some(surface) = surface {
+            surface.bear(load_N);
+        }
+    }
     (desired, request)
 }
 
@@ -252,17 +295,17 @@ fn watch_stuck(
 /// The part of the report that tells what was sensed.
 fn sensed(state: &ControlState, estimate: &Estimate, tool: &Tool, input: &TickInput) -> Report {
     let plan = input.plan;
-    let turned = if plan.mechanism.freedoms() == 3 { estimate.p_BH.z } else { 0.0 };
+    let motion = motion_of(estimate, plan);
     Report {
         tick: state.tick,
         time_ns: input.now_ns,
         mode: state.mode,
         fault: state.fault,
         p_WT_m: tool.p_WT_m,
-        q_WT: plan.mount.q_WB * UnitQuaternion::from_euler_angles(0.0, 0.0, turned),
+        q_WT: motion.q_WT,
         v_WT_m_per_s: tool.v_WT_m_per_s,
-        omega_WT_rad_per_s: plan.mount.q_WB * nalgebra::Vector3::new(0.0, 0.0, estimate.v_BH.z),
-        hand: estimate.F_hand_BH_N.map(|hand| wrench_W(&hand, plan)),
+        omega_WT_rad_per_s: motion.omega_WT_rad_per_s,
+        hand: estimate.F_hand_BH_N.map(|hand| wrench_W(&hand, estimate, plan)),
         buttons: state.last.buttons,
         scene_revision: plan.scene_revision,
         shaft_rad: estimate.shaft_rad,
@@ -272,24 +315,34 @@ fn sensed(state: &ControlState, estimate: &Estimate, tool: &Tool, input: &TickIn
     }
 }
 
-fn wrench_W(wrench_BH: &PlaneVector, plan: &Plan) -> Wrench {
-    Wrench {
-        force_N: plan.plane_to_W(wrench_BH),
-        moment_Nm: plan.mount.q_WB * nalgebra::Vector3::new(0.0, 0.0, wrench_BH.z),
+/// A wrench at H in B as force and moment about T in W. A handle that turns freely (two
+/// freedoms) passes no moment on.
+fn wrench_W(wrench_BH: &PlaneVector, estimate: &Estimate, plan: &Plan) -> Wrench {
+    let mut moment_B_Nm = Vector3::new(0.0, 0.0, wrench_BH.z);
+    if plan.mechanism.freedoms() == 3 {
+        let offset_B_m = turned(estimate, plan) * plan.tool.offset_B_m;
+        moment_B_Nm -= offset_B_m.cross(&Vector3::new(wrench_BH.x, wrench_BH.y, 0.0));
     }
+    Wrench { force_N: plan.plane_to_W(wrench_BH), moment_Nm: plan.mount.q_WB * moment_B_Nm }
 }
 
 fn asked(report: &mut Report, request: &Request, capability: &Capability, limits: Limits) {
-    report.requested = Wrench { force_N: request.raw_W_N, ..Wrench::default() };
+    report.requested = request.raw;
     report.contacts = request.contacts;
     report.contact_count = request.contact_count;
     report.limits = limits;
     report.bounds = capability.bounds;
 }
 
-fn achieved(report: &mut Report, request: &Request, outcome: &Outcome, plan: &Plan) {
+fn achieved(
+    report: &mut Report,
+    estimate: &Estimate,
+    request: &Request,
+    outcome: &Outcome,
+    plan: &Plan,
+) {
     let clipped = request.clipped_BH_N();
-    report.achievable = wrench_W(&outcome.wrench, plan);
+    report.achievable = wrench_W(&outcome.wrench, estimate, plan);
     if clipped.norm() > 0.0 {
         report.law = Some(outcome.law);
         report.approximation_angle_rad = approximation_angle(&clipped, &outcome.wrench);
@@ -301,10 +354,10 @@ fn achieved(report: &mut Report, request: &Request, outcome: &Outcome, plan: &Pl
 /// linkage where every engaged brake is known to slip.
 fn felt(report: &mut Report, estimate: &Estimate, capability: &Capability, plan: &Plan) {
     if let Some(hand) = estimate.F_hand_BH_N {
-        report.rendered = wrench_W(&-hand, plan);
+        report.rendered = wrench_W(&-hand, estimate, plan);
         report.rendered_source = RenderedSource::Measured;
     } else if let Some(torque_Nm) = slipping_torque_Nm(report, estimate, capability) {
-        report.rendered = wrench_W(&(capability.reference * torque_Nm), plan);
+        report.rendered = wrench_W(&(capability.reference * torque_Nm), estimate, plan);
         report.rendered_source = RenderedSource::Modelled;
     }
 }

@@ -1,15 +1,19 @@
-//! What the world wants at the tool point in one tick: a soft force and a few constraints.
+//! What the world wants of the tool in one tick: a soft wrench and a few constraints.
 //!
 //! A surface becomes a [`Constraint`] and never a force here: what force holds it depends
-//! on the law and on the actuators. Only the deepest [`MAX_CONSTRAINTS`] are kept; the rest
-//! is counted, so that the loss is reported.
+//! on the law and on the actuators. Only the [`MAX_TOUCHES`] that ask for the most force are
+//! kept (the deepest could be the softest); the rest is counted, so that the loss is reported.
+//! Forces and moments are in W, moments about T.
 
 use nalgebra::Vector3;
 
-use super::{Element, Material, SceneItem, Surface, SurfaceState};
+use super::{Element, Material, SceneItem, Surface, SurfaceState, Tool, ToolPoint, Touch, Touches};
 
-/// Most constraints that a law considers at once.
+/// Most walls that a law considers at once.
 pub const MAX_CONSTRAINTS: usize = 4;
+
+/// Most touches that are kept in a tick; touches that push the same way are one wall.
+pub const MAX_TOUCHES: usize = 8;
 
 /// Most contacts of a controller.
 pub const MAX_CONTACTS: usize = 8;
@@ -24,40 +28,23 @@ pub enum Source {
     Controller,
 }
 
-/// A surface that the tool has entered.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// A surface that a point of the tool has entered.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct Constraint {
-    /// Unit vector out of the surface, in W.
-    pub normal_W: Vector3<f64>,
-    /// Depth, metres, positive.
-    pub depth_m: f64,
-    /// What the surface feels like.
-    pub material: Material,
+    /// Which way is out, how deep it is, and how it rubs.
+    pub touch: Touch,
+    /// Normal force that the material asks for, newtons, never negative.
+    pub demand_N: f64,
+    /// Most that its friction can give per normal force.
+    pub most_friction: f64,
+    /// From T to where it is touched, metres in W.
+    pub arm_W_m: Vector3<f64>,
+    /// Which of the tool's points.
+    pub point: usize,
     /// Whose surface it is.
     pub source: Source,
     /// Object slot or contact id.
     pub id: u32,
-}
-
-impl Default for Constraint {
-    fn default() -> Self {
-        Self {
-            normal_W: Vector3::zeros(),
-            depth_m: 0.0,
-            material: Material::default(),
-            source: Source::Scene,
-            id: 0,
-        }
-    }
-}
-
-impl Constraint {
-    /// Normal force that the material asks for at this velocity, newtons, never negative.
-    pub fn demand_N(&self, v_WT_m_per_s: &Vector3<f64>) -> f64 {
-        let approach_m_per_s = -v_WT_m_per_s.dot(&self.normal_W);
-        let spring_N = self.material.stiffness_N_per_m * self.depth_m;
-        (spring_N + self.material.damping_Ns_per_m * approach_m_per_s).max(0.0)
-    }
 }
 
 /// What is wanted in one tick.
@@ -65,10 +52,14 @@ impl Constraint {
 pub struct Desired {
     /// Sum of the fields, newtons in W.
     pub soft_W_N: Vector3<f64>,
-    constraints: [Constraint; MAX_CONSTRAINTS],
+    /// Their moment about T, newton metres in W.
+    pub soft_moment_W_Nm: Vector3<f64>,
+    constraints: [Constraint; MAX_TOUCHES],
     count: usize,
-    /// Constraints that found no room.
+    /// Touches that found no room.
     pub left_out: usize,
+    /// Surfaces that had to be looked at: the others are known to be out of reach.
+    pub looked_at: usize,
 }
 
 impl Desired {
@@ -77,31 +68,52 @@ impl Desired {
         &self.constraints[..self.count]
     }
 
-    /// Adds what one scene item wants.
-    pub fn add_item(&mut self, item: &SceneItem, state: &mut SurfaceState, tool: &Tool) {
+    /// Adds a force at T and a moment about it.
+    pub fn add_soft(&mut self, [force_W_N, moment_W_Nm]: [Vector3<f64>; 2]) {
+        self.soft_W_N += force_W_N;
+        self.soft_moment_W_Nm += moment_W_Nm;
+    }
+
+    /// Adds what one scene item wants at one point of the tool. `state` belongs to that item
+    /// and that point. Fields act at T alone, and are added with the first point.
+    pub fn add_item(
+        &mut self,
+        item: &SceneItem,
+        state: &mut SurfaceState,
+        tool: &Tool,
+        point: usize,
+    ) {
+        let Some(at) = tool.points().get(point) else { return };
+        let asked = Asked { source: Source::Scene, id: item.slot.into(), point, at };
         match &item.element {
             Element::Surface(surface) => {
-                self.add_surface(
-                    surface,
-                    state,
-                    item.revision,
-                    Source::Scene,
-                    item.slot.into(),
-                    tool,
-                );
+                self.add_surface(surface, state, item.revision, tool, &asked);
             }
-            field => {
-                if let Some(force_W_N) = field.field_force_W_N(&tool.v_WT_m_per_s) {
-                    self.soft_W_N += force_W_N;
-                }
+            Element::Corridor(corridor) if !state.is_clear(item.revision, at) => {
+                self.looked_at += 1;
+                let touches = corridor.touch(state, item.revision, at, tool.tick_s);
+                self.add_touches(&touches, &corridor.material, &asked);
             }
+            Element::Corridor(_) => {}
+            field if point == 0 => {
+                let wrench = field.field_at(&tool.p_WT_m, &tool.v_WT_m_per_s);
+                self.add_soft(wrench.unwrap_or_default());
+            }
+            _ => {}
         }
     }
 
-    /// Adds what one of the controller's contacts wants.
-    pub fn add_contact(&mut self, contact: &Contact, state: &mut SurfaceState, tool: &Tool) {
-        let revision = contact.revision.into();
-        self.add_surface(&contact.surface, state, revision, Source::Controller, contact.id, tool);
+    /// Adds what one of the controller's contacts wants at one point of the tool.
+    pub fn add_contact(
+        &mut self,
+        contact: &Contact,
+        state: &mut SurfaceState,
+        tool: &Tool,
+        point: usize,
+    ) {
+        let Some(at) = tool.points().get(point) else { return };
+        let asked = Asked { source: Source::Controller, id: contact.id, point, at };
+        self.add_surface(&contact.surface, state, contact.revision.into(), tool, &asked);
     }
 
     fn add_surface(
@@ -109,47 +121,52 @@ impl Desired {
         surface: &Surface,
         state: &mut SurfaceState,
         revision: u64,
-        source: Source,
-        id: u32,
         tool: &Tool,
+        asked: &Asked,
     ) {
-        let touch = surface.touch(state, revision, &tool.p_WT_m, tool.radius_m, tool.tick_s);
-        if let Some(touch) = touch {
-            self.keep_deepest(Constraint {
-                normal_W: touch.normal_W,
-                depth_m: touch.depth_m,
-                material: surface.material,
-                source,
-                id,
+        if state.is_clear(revision, asked.at) {
+            return;
+        }
+        self.looked_at += 1;
+        let touches = surface.touch(state, revision, asked.at, tool.radius_m, tool.tick_s);
+        self.add_touches(&touches, &surface.material, asked);
+    }
+
+    fn add_touches(&mut self, touches: &Touches, material: &Material, asked: &Asked) {
+        for touch in touches.iter() {
+            let Touch { depth_m, normal_W, .. } = touch;
+            self.keep_strongest(Constraint {
+                touch: *touch,
+                demand_N: material.demand_N(*depth_m, normal_W, &asked.at.v_W_m_per_s),
+                most_friction: material.static_friction.max(material.kinetic_friction),
+                arm_W_m: asked.at.arm_W_m,
+                point: asked.point,
+                source: asked.source,
+                id: asked.id,
             });
         }
     }
 
-    fn keep_deepest(&mut self, constraint: Constraint) {
-        if self.count < MAX_CONSTRAINTS {
+    fn keep_strongest(&mut self, constraint: Constraint) {
+        if self.count < MAX_TOUCHES {
             self.constraints[self.count] = constraint;
             self.count += 1;
             return;
         }
         self.left_out += 1;
-        let shallowest = self.constraints.iter_mut().min_by(|a, b| a.depth_m.total_cmp(&b.depth_m));
-        if let Some(kept) = shallowest.filter(|kept| kept.depth_m < constraint.depth_m) {
+        let weakest = self.constraints.iter_mut().min_by(|a, b| a.demand_N.total_cmp(&b.demand_N));
+        if let Some(kept) = weakest.filter(|kept| kept.demand_N < constraint.demand_N) {
             *kept = constraint;
         }
     }
 }
 
-/// The tool as the world meets it in one tick.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tool {
-    /// Tool point in W.
-    pub p_WT_m: Vector3<f64>,
-    /// Its velocity.
-    pub v_WT_m_per_s: Vector3<f64>,
-    /// Radius of the tool.
-    pub radius_m: f64,
-    /// Time since the last tick.
-    pub tick_s: f64,
+/// Whose surface is asked, and at which point of the tool.
+struct Asked<'a> {
+    source: Source,
+    id: u32,
+    point: usize,
+    at: &'a ToolPoint,
 }
 
 /// A local model streamed by the controller.
@@ -164,70 +181,4 @@ pub struct Contact {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::environment::Shape;
-
-    fn tool(x_m: f64) -> Tool {
-        Tool {
-            p_WT_m: Vector3::new(x_m, 0.0, 0.0),
-            v_WT_m_per_s: Vector3::new(0.1, 0.2, 0.0),
-            radius_m: 0.0,
-            tick_s: 1e-3,
-        }
-    }
-
-    fn wall(x_m: f64) -> Element {
-        Element::Surface(Surface {
-            shape: Shape::HalfSpace {
-                point_W_m: Vector3::new(x_m, 0.0, 0.0),
-                normal_W: -Vector3::x(),
-            },
-            material: Material { stiffness_N_per_m: 100.0, damping_Ns_per_m: 10.0, friction: 0.0 },
-            hollow: false,
-            blend_s: 0.0,
-        })
-    }
-
-    #[test]
-    fn fields_add_up() {
-        let mut desired = Desired::default();
-        let mut state = SurfaceState::default();
-        for element in [
-            Element::ConstantField { force_W_N: Vector3::new(1.0, 0.0, 0.0) },
-            Element::ViscousField { damping_Ns_per_m: 10.0 },
-        ] {
-            desired.add_item(&SceneItem { slot: 0, revision: 1, element }, &mut state, &tool(0.0));
-        }
-        assert!((desired.soft_W_N - Vector3::new(0.0, -2.0, 0.0)).norm() < 1e-12);
-        assert!(desired.constraints().is_empty());
-    }
-
-    #[test]
-    fn damping_resists_the_approach_and_never_pulls() {
-        let constraint = Constraint {
-            normal_W: -Vector3::x(),
-            depth_m: 0.001,
-            material: Material { stiffness_N_per_m: 100.0, damping_Ns_per_m: 10.0, friction: 0.0 },
-            ..Constraint::default()
-        };
-        assert!((constraint.demand_N(&Vector3::new(0.1, 0.0, 0.0)) - 1.1).abs() < 1e-12);
-        assert_eq!(constraint.demand_N(&Vector3::new(-5.0, 0.0, 0.0)), 0.0);
-    }
-
-    #[test]
-    fn the_deepest_constraints_are_kept_and_the_rest_is_counted() {
-        let mut states = [SurfaceState::default(); 6];
-        let mut desired = Desired::default();
-        for x_m in [0.0, 0.35] {
-            desired = Desired::default();
-            for (slot, state) in states.iter_mut().enumerate() {
-                let element = wall(0.1 + 0.01 * slot as f64);
-                let item = SceneItem { slot: slot as u16, revision: 1, element };
-                desired.add_item(&item, state, &tool(x_m));
-            }
-        }
-        assert_eq!((desired.constraints().len(), desired.left_out), (MAX_CONSTRAINTS, 2));
-        assert!(desired.constraints().iter().all(|kept| kept.id < 4));
-    }
-}
+mod tests;

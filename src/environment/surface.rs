@@ -1,62 +1,25 @@
-//! Shapes with a surface: where the tool touches them, and how deep.
+//! A shape of some material: where the tool touches it, how deep, and what it remembers.
 //!
-//! A solid is felt from outside. A hollow one is a sheet or shell: it is felt from the side
-//! on which the tool was when the surface appeared, and for an unbounded or closed shape
-//! that side can never change without passing through.
+//! A solid is felt from outside, with a memory of the way in ([`Proxy`]). A hollow one is a
+//! sheet or shell: it is felt from the side on which the tool was when it appeared, and that
+//! side never changes. A guide is felt from everywhere beyond its radius.
 //!
-//! A surface that appears or changes never makes the force jump: what the tool is already
-//! inside of is given away as an `offset_m`, which shrinks as the tool moves out (a ratchet:
-//! nobody is pushed) or, where the owner asked for it, over a blend time.
+//! A surface that appears or changes never makes its spring force jump up: what it would add
+//! is given away as an offset of depth. The offset shrinks as the tool moves out (a ratchet:
+//! nobody is pushed) or, where the owner asked for it, over a blend time. The force before
+//! the change is that of the surface as it *was*, here and now, so that a surface renewed on
+//! every tick is as hard as one that stays. A change that would give less gives less at once.
+//! What was not felt is not remembered over a change: the surface is then as new.
+//!
+//! In W, metres and newtons. A surface does not know who else is there, nor the actuators.
+//! Source of the proxy: [`super::god_object`]; the offset is derived here.
 
 use nalgebra::Vector3;
 
-/// What a surface is made of.
-#[derive(Clone, Copy, Debug, PartialEq, Default)]
-pub struct Material {
-    /// Force per depth, N/m.
-    pub stiffness_N_per_m: f64,
-    /// Force per speed of approach, N s/m.
-    pub damping_Ns_per_m: f64,
-    /// Coulomb coefficient, friction force per normal force.
-    pub friction: f64,
-}
-
-/// The geometry of a surface, in W.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Shape {
-    /// All points behind a plane.
-    HalfSpace {
-        /// Any point of the plane.
-        point_W_m: Vector3<f64>,
-        /// Unit vector out of the solid.
-        normal_W: Vector3<f64>,
-    },
-    /// All points within a radius.
-    Sphere {
-        /// Its centre.
-        centre_W_m: Vector3<f64>,
-        /// Its radius.
-        radius_m: f64,
-    },
-}
-
-impl Shape {
-    /// Signed distance of a point (positive outside) and the outward unit normal there.
-    fn distance(&self, p_W_m: &Vector3<f64>) -> (f64, Vector3<f64>) {
-        match self {
-            Self::HalfSpace { point_W_m, normal_W } => {
-                ((p_W_m - point_W_m).dot(normal_W), *normal_W)
-            }
-            Self::Sphere { centre_W_m, radius_m } => {
-                let away = p_W_m - centre_W_m;
-                let range = away.norm();
-                // At the very centre every direction leads out; pick one.
-                let normal_W = if range > 1e-12 { away / range } else { Vector3::x() };
-                (range - radius_m, normal_W)
-            }
-        }
-    }
-}
+use super::friction::Bristle;
+use super::god_object::Proxy;
+use super::shape::{Faces, MAX_FACES, Shape};
+use super::{Material, ToolPoint};
 
 /// A shape of some material.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,195 +28,243 @@ pub struct Surface {
     pub shape: Shape,
     /// What it feels like.
     pub material: Material,
-    /// A sheet or shell, felt from both sides.
+    /// A sheet or shell, felt from the side on which the tool was.
     pub hollow: bool,
     /// Time over which a change takes effect; zero: only as the tool moves out.
     pub blend_s: f64,
 }
 
-/// Where and how deep the tool touches a surface.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Where and how the tool touches a surface.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct Touch {
     /// Unit vector that leads out, in W.
     pub normal_W: Vector3<f64>,
     /// How far the tool would have to move along the normal, metres, positive.
     pub depth_m: f64,
+    /// Friction under the load of the last tick, newtons in W.
+    pub friction_W_N: Vector3<f64>,
+    /// Friction holds the tool where it is.
+    pub sticking: bool,
 }
 
-/// What a surface remembers between ticks.
+/// The touches of one tool point on one surface: more than one only within a hollow box,
+/// whose friction is then in the first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Touches {
+    touches: [Touch; MAX_FACES],
+    count: usize,
+}
+
+impl Touches {
+    const NONE: Self = Self {
+        touches: [Touch {
+            normal_W: Vector3::new(0.0, 0.0, 0.0),
+            depth_m: 0.0,
+            friction_W_N: Vector3::new(0.0, 0.0, 0.0),
+            sticking: false,
+        }; MAX_FACES],
+        count: 0,
+    };
+
+    /// One by one.
+    pub fn iter(&self) -> impl Iterator<Item = &Touch> {
+        self.touches[..self.count].iter()
+    }
+}
+
+/// What a surface remembers between ticks of one tool point.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct SurfaceState {
-    /// The surface that the rest belongs to, with its revision; `None` before the first tick.
-    known: Option<(u64, Shape)>,
+    /// Free until the tool point has travelled so far in all, metres.
+    clear_until_m: f64,
+    /// The surface that the rest belongs to; `None` before the first tick.
+    known: Option<Known>,
     /// +1 outside, -1 inside a hollow shape.
     side: f64,
-    /// Depth that is given away.
-    offset_m: f64,
+    /// The way in, outside a body that is touched.
+    proxy: Option<Proxy>,
+    /// Depth that is given away at each face.
+    offset_m: [f64; MAX_FACES],
     /// Time left until the offset has to be gone, where the owner set one.
     blend_left_s: f64,
+    bristle: Bristle,
+    /// Segment of a corridor that the tool is in.
+    pub(super) segment: u8,
+}
+
+/// A surface as it was in the last tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Known {
+    revision: u64,
+    shape: Shape,
+    stiffness_N_per_m: f64,
 }
 
 impl Surface {
-    /// The touch of a tool of `radius_m` at `p_WT_m`, if any; advances `state` by `tick_s`.
+    /// The touch of a tool point that is a ball of `radius_m`; advances `state` by `tick_s`.
+    /// `revision` changes when the surface does.
     pub fn touch(
         &self,
         state: &mut SurfaceState,
         revision: u64,
-        p_WT_m: &Vector3<f64>,
+        point: &ToolPoint,
         radius_m: f64,
         tick_s: f64,
-    ) -> Option<Touch> {
-        let (distance_m, outward_W) = self.shape.distance(p_WT_m);
-        let changed = state.known.is_none_or(|(known, _)| known != revision);
-        // What the surface as it was would make felt here and now: only what the *change*
-        // adds is given away, not what the tool moved meanwhile.
-        let before_m = match state.known {
-            Some((_, shape)) if changed => {
-                radius_m - state.side * shape.distance(p_WT_m).0 - state.offset_m
-            }
-            _ => 0.0,
+    ) -> Touches {
+        let faces = if state.knows(revision) {
+            state.faces(&self.shape, &point.from_W_m, &point.p_W_m, radius_m)
+        } else {
+            self.change(state, point, radius_m)
         };
-        if changed {
-            state.choose_side(self.hollow, before_m, distance_m);
+        let stiffness_N_per_m = self.material.stiffness_N_per_m;
+        state.known = Some(Known { revision, shape: self.shape, stiffness_N_per_m });
+        state.relax(&faces, tick_s);
+        let clear_until_m = point.travelled_m + faces.clearance_m();
+        state.clear_until_m = if clear_until_m.is_finite() { clear_until_m } else { 0.0 };
+        self.felt(state, &faces, &point.p_W_m, tick_s)
+    }
+
+    /// Faces of a surface that is new or not what it was, with the offsets that keep its force.
+    fn change(&self, state: &mut SurfaceState, point: &ToolPoint, radius_m: f64) -> Faces {
+        let (before_N, before_faces) = state.held_N(point, radius_m);
+        let felt = before_N.iter().any(|force_N| *force_N > 0.0);
+        let known = state.known.filter(|_| felt);
+        match known.and_then(|known| known.shape.carry(&self.shape)) {
+            Some(moved) => {
+                state.proxy = state.proxy.map(|at| at.carry(&moved, &self.shape, radius_m));
+                state.bristle.carry(&moved);
+            }
+            None => (state.proxy, state.bristle) = (None, Bristle::default()),
         }
-        state.known = Some((revision, self.shape));
-        let depth_m = radius_m - state.side * distance_m;
-        if changed {
-            state.offset_m = (depth_m - before_m.max(0.0)).max(0.0);
-            state.blend_left_s = self.blend_s;
+        if !self.hollow {
+            state.side = 1.0;
+        } else if !felt {
+            let inside = self.shape.nearest(&point.p_W_m).distance_m < 0.0;
+            state.side = if inside { -1.0 } else { 1.0 };
         }
-        state.relax(depth_m, tick_s);
-        let felt_m = depth_m - state.offset_m;
-        let normal_W = state.side * outward_W;
-        (felt_m > 0.0).then_some(Touch { normal_W, depth_m: felt_m })
+        let faces = state.faces(&self.shape, &point.p_W_m, &point.p_W_m, radius_m);
+        let kept_N = match (before_faces, faces.len()) {
+            (_, 1) => [Vector3::from(before_N).norm(), 0.0, 0.0],
+            (before, now) if before == now => before_N,
+            _ => [0.0; MAX_FACES],
+        };
+        state.offset_m = [0.0; MAX_FACES];
+        let stiffness_N_per_m = self.material.stiffness_N_per_m;
+        for (i, (depth_m, _)) in faces.iter().enumerate().filter(|_| stiffness_N_per_m > 0.0) {
+            state.offset_m[i] = (depth_m - kept_N[i] / stiffness_N_per_m).max(0.0);
+        }
+        state.blend_left_s = self.blend_s;
+        faces
+    }
+
+    fn felt(
+        &self,
+        state: &mut SurfaceState,
+        faces: &Faces,
+        p_W_m: &Vector3<f64>,
+        tick_s: f64,
+    ) -> Touches {
+        let mut found = Touches::NONE;
+        let mut pressed_W_m = Vector3::zeros();
+        for ((depth_m, normal_W), offset_m) in faces.iter().zip(state.offset_m) {
+            let depth_m = depth_m - offset_m;
+            let usable = depth_m.is_finite() && normal_W.iter().all(|part| part.is_finite());
+            if depth_m > 0.0 && usable {
+                found.touches[found.count] = Touch { normal_W, depth_m, ..Touch::default() };
+                found.count += 1;
+                pressed_W_m += depth_m * normal_W;
+            }
+        }
+        match pressed_W_m.try_normalize(0.0) {
+            Some(normal_W) => {
+                let pull = state.bristle.pull(p_W_m, &normal_W, &self.material, tick_s);
+                found.touches[0].friction_W_N = pull.force_W_N;
+                found.touches[0].sticking = pull.sticking;
+            }
+            None => state.bristle = Bristle::default(),
+        }
+        found
     }
 }
 
 impl SurfaceState {
-    /// Turning a sheet around is a new sheet; a moved one keeps the side it is felt from.
-    fn choose_side(&mut self, hollow: bool, before_m: f64, distance_m: f64) {
-        let touched = self.known.is_some() && before_m > 0.0;
-        if !hollow {
-            self.side = 1.0;
-        } else if !touched {
-            self.side = if distance_m < 0.0 { -1.0 } else { 1.0 };
+    /// Forgets everything: the surface is new to the tool, and what the tool is inside of is
+    /// given away. For whoever begins to render after a pause.
+    pub fn reset(&mut self) {
+        *self = Self::default();
+    }
+
+    /// The load that the surface's friction will have in the next tick.
+    pub fn bear(&mut self, load_N: f64) {
+        self.bristle.bear(load_N);
+    }
+
+    /// True while the tool point cannot have reached the surface: it was further away than
+    /// the point has travelled since, and is what it was.
+    pub fn is_clear(&self, revision: u64, point: &ToolPoint) -> bool {
+        point.travelled_m < self.clear_until_m && self.knows(revision)
+    }
+
+    /// True where the surface is what it was.
+    pub(super) fn knows(&self, revision: u64) -> bool {
+        self.known.is_some_and(|known| known.revision == revision)
+    }
+
+    /// The walls around a point after a step, with the memory of the way in.
+    fn faces(
+        &mut self,
+        shape: &Shape,
+        from_W_m: &Vector3<f64>,
+        p_W_m: &Vector3<f64>,
+        radius_m: f64,
+    ) -> Faces {
+        if let Some(faces) = shape.faces(self.side, p_W_m, radius_m) {
+            self.proxy = None;
+            return faces;
+        }
+        let nearest = shape.nearest(p_W_m);
+        let free_m = nearest.distance_m - radius_m;
+        let outside = Faces::one(-free_m, nearest.normal_W);
+        // A step shorter than the distance left cannot have crossed anything.
+        if self.proxy.is_none() && free_m > (p_W_m - from_W_m).norm() {
+            return outside;
+        }
+        let entered = || Proxy::entered(shape, radius_m, from_W_m, p_W_m);
+        self.proxy = self.proxy.or_else(entered);
+        let depth_m = self.proxy.as_mut().map_or(0.0, |at| at.follow(shape, radius_m, p_W_m));
+        match self.proxy {
+            Some(proxy) if depth_m > 0.0 => Faces::one(depth_m, proxy.normal_W()),
+            _ => {
+                self.proxy = None;
+                outside
+            }
         }
     }
 
-    /// Shrinks the offset: never more than the depth, and to nothing within the blend time.
-    fn relax(&mut self, depth_m: f64, tick_s: f64) {
-        self.offset_m = self.offset_m.min(depth_m.max(0.0));
-        if self.blend_left_s > 0.0 {
-            let share = (tick_s / self.blend_left_s).clamp(0.0, 1.0);
-            self.offset_m -= share * self.offset_m;
+    /// Spring force at each face of the surface as it was, at the point's new place, and how
+    /// many faces that were.
+    fn held_N(&mut self, point: &ToolPoint, radius_m: f64) -> ([f64; MAX_FACES], usize) {
+        let mut held_N = [0.0; MAX_FACES];
+        let Some(known) = self.known else { return (held_N, 0) };
+        let faces = self.faces(&known.shape, &point.from_W_m, &point.p_W_m, radius_m);
+        for (i, (depth_m, _)) in faces.iter().enumerate() {
+            held_N[i] = known.stiffness_N_per_m * (depth_m - self.offset_m[i]).max(0.0);
+        }
+        (held_N, faces.len())
+    }
+
+    /// Shrinks the offsets: never more than the depth, and to nothing within the blend time.
+    fn relax(&mut self, faces: &Faces, tick_s: f64) {
+        let blending = self.blend_left_s > 0.0;
+        let share = if blending { (tick_s / self.blend_left_s).clamp(0.0, 1.0) } else { 0.0 };
+        for ((depth_m, _), offset_m) in faces.iter().zip(&mut self.offset_m) {
+            *offset_m = offset_m.min(depth_m.max(0.0)) * (1.0 - share);
+        }
+        if blending {
             self.blend_left_s -= tick_s;
         }
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const TICK_S: f64 = 1e-3;
-
-    fn wall(x_m: f64) -> Surface {
-        Surface {
-            shape: Shape::HalfSpace {
-                point_W_m: Vector3::new(x_m, 0.0, 0.0),
-                normal_W: -Vector3::x(),
-            },
-            material: Material { stiffness_N_per_m: 1e7, ..Material::default() },
-            hollow: false,
-            blend_s: 0.0,
-        }
-    }
-
-    fn shell(hollow: bool) -> Surface {
-        let shape = Shape::Sphere { centre_W_m: Vector3::zeros(), radius_m: 0.1 };
-        Surface { shape, hollow, ..wall(0.0) }
-    }
-
-    fn at(surface: &Surface, state: &mut SurfaceState, revision: u64, x_m: f64) -> f64 {
-        let touch = surface.touch(state, revision, &Vector3::new(x_m, 0.0, 0.0), 0.0, TICK_S);
-        touch.map_or(0.0, |touch| touch.depth_m)
-    }
-
-    #[test]
-    fn a_wall_is_felt_behind_its_plane_and_only_there() {
-        let mut state = SurfaceState::default();
-        assert_eq!(at(&wall(0.3), &mut state, 1, 0.2), 0.0);
-        assert!((at(&wall(0.3), &mut state, 1, 0.301) - 0.001).abs() < 1e-12);
-    }
-
-    #[test]
-    fn the_tool_radius_counts() {
-        let mut state = SurfaceState::default();
-        wall(0.3).touch(&mut state, 1, &Vector3::new(0.1, 0.0, 0.0), 0.01, TICK_S);
-        let touch = wall(0.3).touch(&mut state, 1, &Vector3::new(0.295, 0.0, 0.0), 0.01, TICK_S);
-        assert!((touch.unwrap().depth_m - 0.005).abs() < 1e-12);
-    }
-
-    #[test]
-    fn a_new_wall_around_the_tool_lets_it_out_but_not_deeper() {
-        let mut state = SurfaceState::default();
-        assert_eq!(at(&wall(0.3), &mut state, 1, 0.35), 0.0, "no step of force");
-        assert!((at(&wall(0.3), &mut state, 1, 0.36) - 0.01).abs() < 1e-12, "not deeper");
-        assert_eq!(at(&wall(0.3), &mut state, 1, 0.31), 0.0);
-        assert!((at(&wall(0.3), &mut state, 1, 0.35) - 0.04).abs() < 1e-12, "it followed out");
-    }
-
-    #[test]
-    fn a_moved_wall_keeps_the_force_it_had() {
-        let mut state = SurfaceState::default();
-        at(&wall(0.3), &mut state, 1, 0.2);
-        let before_m = at(&wall(0.3), &mut state, 1, 0.302);
-        let after_m = at(&wall(0.25), &mut state, 2, 0.302);
-        assert!((before_m - after_m).abs() < 1e-12);
-    }
-
-    #[test]
-    fn a_wall_renewed_every_tick_is_as_hard_as_one_that_stays() {
-        let mut state = SurfaceState::default();
-        at(&wall(0.3), &mut state, 0, 0.2);
-        for tick in 1..=200 {
-            let (wall_m, tool_m) = (0.3 - 1e-6 * tick as f64, 0.3 + 5e-6 * tick as f64);
-            let depth_m = at(&wall(wall_m), &mut state, tick, tool_m);
-            assert!((depth_m - (tool_m - 0.3)).abs() < 3e-6, "{depth_m} at tick {tick}");
-        }
-    }
-
-    #[test]
-    fn a_blend_time_brings_the_true_surface_back() {
-        let mut state = SurfaceState::default();
-        let blended = |x_m| Surface { blend_s: 0.010, ..wall(x_m) };
-        assert_eq!(at(&blended(0.3), &mut state, 0, 0.2), 0.0);
-        let mut last_m = 0.0;
-        for _ in 0..12 {
-            let depth_m = at(&blended(0.25), &mut state, 1, 0.26);
-            assert!(depth_m >= last_m - 1e-15 && depth_m - last_m < 2.5e-3, "{last_m} {depth_m}");
-            last_m = depth_m;
-        }
-        assert!((last_m - 0.01).abs() < 1e-9);
-    }
-
-    #[test]
-    fn a_solid_sphere_pushes_out_and_a_shell_keeps_the_tool_in() {
-        let mut outside = SurfaceState::default();
-        at(&shell(false), &mut outside, 1, 0.2);
-        let touch = shell(false).touch(&mut outside, 1, &Vector3::new(0.09, 0.0, 0.0), 0.0, TICK_S);
-        assert_eq!(touch.unwrap().normal_W, Vector3::x());
-        let mut inside = SurfaceState::default();
-        assert_eq!(at(&shell(true), &mut inside, 1, 0.05), 0.0);
-        let touch = shell(true).touch(&mut inside, 1, &Vector3::new(0.11, 0.0, 0.0), 0.0, TICK_S);
-        assert_eq!(touch.unwrap().normal_W, -Vector3::x());
-    }
-
-    #[test]
-    fn the_centre_of_a_sphere_has_a_normal() {
-        let mut state = SurfaceState::default();
-        at(&shell(false), &mut state, 1, 0.2);
-        let touch = shell(false).touch(&mut state, 1, &Vector3::zeros(), 0.0, TICK_S).unwrap();
-        assert!((touch.normal_W.norm() - 1.0).abs() < 1e-12);
-    }
-}
+mod tests;

@@ -76,7 +76,11 @@ fn plan_with(elements: &[Element]) -> Plan {
     let mut plan = build_plan(&definition(), &Scene::default());
     let items = elements.iter().enumerate();
     plan.scene = items
-        .map(|(slot, element)| SceneItem { slot: slot as u16, revision: 1, element: *element })
+        .map(|(slot, element)| SceneItem {
+            slot: slot as u16,
+            revision: 1,
+            element: element.clone(),
+        })
         .collect();
     plan
 }
@@ -215,7 +219,7 @@ fn a_vanished_controllers_force_is_gone_within_its_time_to_live_plus_the_ramp() 
 #[test]
 fn friction_is_part_of_what_is_requested_and_resists_the_sliding() {
     let mut surface = wall_of(2e3);
-    surface.material.friction = 0.5;
+    surface.material = surface.material.with_friction(0.5);
     let mut world = world("press-and-slide", &[Element::Surface(surface)]);
     let mut seen = 0;
     for _ in 0..3_000 {
@@ -234,7 +238,7 @@ fn friction_is_part_of_what_is_requested_and_resists_the_sliding() {
 
 #[test]
 fn walls_that_ask_more_than_the_device_has_share_what_it_has() {
-    let mut four = world("press-and-slide", &[Element::Surface(wall()); 4]);
+    let mut four = world("press-and-slide", &[(); 4].map(|()| Element::Surface(wall())));
     let mut most_N = 0.0f64;
     for _ in 0..2_000 {
         let report = four.turn();

@@ -61,7 +61,11 @@ fn contact(wanted: &proto::Contact) -> Result<Contact, FieldError> {
                     wanted.stiffness_n_per_m,
                 )?,
                 damping_Ns_per_m: checked(&DAMPING, "damping_ns_per_m", wanted.damping_ns_per_m)?,
-                friction: checked(&FRICTION, "friction", wanted.friction)?,
+                ..Material::default().with_friction(checked(
+                    &FRICTION,
+                    "friction",
+                    wanted.friction,
+                )?)
             },
             hollow: wanted.hollow,
             blend_s: f64::from(wanted.blend_ms) * 1e-3,
@@ -157,7 +161,11 @@ mod tests {
                 point_W_m: Vector3::new(0.25, 0.0, 0.0),
                 normal_W: -Vector3::x(),
             },
-            material: Material { stiffness_N_per_m: 1000.0, damping_Ns_per_m: 2.0, friction: 0.5 },
+            material: Material {
+                stiffness_N_per_m: 1000.0,
+                damping_Ns_per_m: 2.0,
+                ..Material::default().with_friction(0.5)
+            },
             hollow: true,
             blend_s: 0.25,
         };
@@ -241,11 +249,11 @@ mod tests {
             contact.friction = float(8);
             if let Ok(contacts) = contacts(&[contact, ball(float(9))]) {
                 for contact in contacts {
-                    let Material { stiffness_N_per_m, damping_Ns_per_m, friction } =
+                    let Material { stiffness_N_per_m, damping_Ns_per_m, static_friction, .. } =
                         contact.surface.material;
                     prop_assert!((0.0..=1e9).contains(&stiffness_N_per_m));
                     prop_assert!((0.0..=1e6).contains(&damping_Ns_per_m));
-                    prop_assert!((0.0..=10.0).contains(&friction));
+                    prop_assert!((0.0..=10.0).contains(&static_friction));
                     match contact.surface.shape {
                         Shape::HalfSpace { point_W_m, normal_W } => {
                             prop_assert!(point_W_m.amax() <= 100.0);
@@ -254,6 +262,7 @@ mod tests {
                         Shape::Sphere { radius_m, .. } => {
                             prop_assert!((1e-4..=100.0).contains(&radius_m));
                         }
+                        other => panic!("a shape that no message has: {other:?}"),
                     }
                 }
             }

@@ -308,7 +308,7 @@ mod tests {
             (
                 |h| h.role = 3,
                 ByeReason::Invalid,
-                "role = 3: must be ROLE_OBSERVER (1) or ROLE_CONTROLLER (2): the device is not simulated",
+                "role = 3: must be ROLE_OBSERVER (1) or ROLE_CONTROLLER (2): this device has no hand to pull (serve --hand pointer has)",
             ),
             (
                 |h| h.command_interval_us = 999,

@@ -6,8 +6,8 @@
 //! source, an angle that is not defined. Numbers that grow without bound are kept small
 //! enough for the State's size.
 
-use crate::control::{ContactResult, RenderedSource, Report, Wrench};
-use crate::environment::MAX_CONSTRAINTS;
+use crate::control::{RenderedSource, Report, Wrench};
+use crate::environment::MAX_TOUCHES;
 use crate::notation::ActuatorVector;
 use crate::proto::{self, SessionState, State};
 use crate::wire::{ContactPart, Detail, number, put_pair, put3};
@@ -119,15 +119,10 @@ pub(super) fn fill_detail(detail: &mut Detail, report: &Report, actuators: usize
     put(&mut detail.commanded_Nm, &report.commanded_Nm);
 }
 
-/// Whether a surface holds the tool by static friction; none of today's surfaces has any.
-fn is_sticking(_contact: &ContactResult) -> bool {
-    false
-}
-
 /// The surfaces entered, the deepest first.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct DeepestFirst {
-    parts: [ContactPart; MAX_CONSTRAINTS],
+    parts: [ContactPart; MAX_TOUCHES],
     count: usize,
 }
 
@@ -141,7 +136,7 @@ impl DeepestFirst {
                 depth_m: number(contact.depth_m),
                 normal_N: number(contact.normal_N),
                 friction_N: number(contact.friction_N),
-                sticking: is_sticking(contact),
+                sticking: contact.sticking,
             };
             sorted.count += 1;
         }
@@ -191,6 +186,7 @@ mod tests {
             depth_m,
             normal_N: 1.0,
             friction_N: 2.0,
+            sticking: false,
         };
         let mut report = Report {
             tick: 12,
@@ -305,12 +301,12 @@ mod tests {
             rendered: all,
             approximation_angle_rad: Some(f64::MIN),
             limits,
-            contact_count: 4,
+            contact_count: 8,
             contacts: [ContactResult {
                 id: u32::MAX,
                 depth_m: f64::MAX,
                 ..ContactResult::default()
-            }; 4],
+            }; 8],
             command_seq: crate::session::command::MAX_SEQ,
             command_lag_ticks: u64::MAX,
             scene_revision: (1 << 35) - 1,
@@ -322,7 +318,7 @@ mod tests {
         let echo = Echo { client_time_ns: u64::MAX, received_ns: 0 };
         address(&mut state, &report, &own(Some(echo)), u64::MAX);
         let contacts = DeepestFirst::of(&report);
-        assert_eq!(contacts.as_slice().len(), 4);
+        assert_eq!(contacts.as_slice().len(), 8);
         let event = EventPart { id: u64::MAX, kind: 9, value: u32::MAX };
         let parts =
             StateParts { deepest_first: contacts.as_slice(), oldest_first: &[event], detail: None };

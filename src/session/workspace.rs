@@ -9,7 +9,7 @@
 use nalgebra::Vector3;
 
 use crate::control::Report;
-use crate::environment::{Contact, ForceField, Material, Shape};
+use crate::environment::{Contact, ForceField, Guide, Material, Shape};
 use crate::proto;
 use crate::units::{DAMPING, FieldError, POSITION, Range, STIFFNESS};
 use crate::wire::{get3, number};
@@ -112,10 +112,32 @@ impl Workspace {
                 *centre_W_m = self.position(centre_W_m);
                 *radius_m /= self.scale;
             }
+            Shape::Box { centre_W_m, half_extents_m, .. } => {
+                *centre_W_m = self.position(centre_W_m);
+                *half_extents_m /= self.scale;
+            }
+            Shape::Capsule { ends_W_m, radius_m } => {
+                *ends_W_m = ends_W_m.map(|end| self.position(&end));
+                *radius_m /= self.scale;
+            }
+            Shape::Guide { path, radius_m } => {
+                self.guide(path);
+                *radius_m /= self.scale;
+            }
+        }
+    }
+
+    fn guide(&self, path: &mut Guide) {
+        match path {
+            Guide::Point { point_W_m }
+            | Guide::Line { point_W_m, .. }
+            | Guide::Plane { point_W_m, .. } => *point_W_m = self.position(point_W_m),
+            Guide::Segment { ends_W_m } => *ends_W_m = ends_W_m.map(|end| self.position(&end)),
         }
     }
 
     fn material(&self, material: &mut Material) -> Result<(), FieldError> {
+        material.surface_velocity_W_m_per_s /= self.scale;
         self.felt("stiffness_n_per_m", &mut material.stiffness_N_per_m, &STIFFNESS)?;
         self.felt("damping_ns_per_m", &mut material.damping_Ns_per_m, &DAMPING)
     }

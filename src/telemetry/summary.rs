@@ -275,7 +275,7 @@ fn ratio(part: f64, whole: f64) -> Option<f64> {
 mod tests {
     use super::*;
     use crate::control::ContactResult;
-    use crate::environment::MAX_CONSTRAINTS;
+    use crate::environment::MAX_TOUCHES;
     use crate::notation::ActuatorVector;
 
     fn figures(reports: impl IntoIterator<Item = Report>) -> RunFigures {
@@ -359,7 +359,7 @@ mod tests {
 
     #[test]
     fn depth_error_angle_and_regions_are_taken_from_the_ticks_that_have_them() {
-        let mut contacts = [ContactResult::default(); MAX_CONSTRAINTS];
+        let mut contacts = [ContactResult::default(); MAX_TOUCHES];
         contacts[0].depth_m = 2e-4;
         contacts[1].depth_m = 9.0; // not counted: only one contact
         let touching = Report {

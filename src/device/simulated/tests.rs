@@ -189,6 +189,7 @@ fn slide_under_predicted_velocity(lag_s: f64) -> [f64; 4] {
         let wall = WallDemand {
             normal: PlaneVector::new(-1.0, 0.0, 0.0),
             force_N: 1e7 * (truth.p_BH.x - 0.3).max(0.0),
+            depth_m: (truth.p_BH.x - 0.3).max(0.0),
         };
         let torque_Nm = predicted_velocity(&capability, &handle, &[wall]).torque_Nm;
         let commands =

@@ -55,7 +55,7 @@ pub fn object_to_proto(host: &DeviceHost, object: &SceneObject) -> proto::SceneO
         material: object.material().map(|material| proto::Material {
             stiffness_n_per_m: material.stiffness_N_per_m,
             damping_ns_per_m: material.damping_Ns_per_m,
-            friction: material.friction,
+            friction: material.static_friction,
         }),
         hollow: object.hollow(),
         revision: object.revision(),
@@ -87,7 +87,7 @@ pub fn object_from_proto(id: Id, object: &proto::SceneObject) -> Result<SceneObj
     let material = object.material.as_ref().map(|material| Material {
         stiffness_N_per_m: material.stiffness_n_per_m,
         damping_Ns_per_m: material.damping_ns_per_m,
-        friction: material.friction,
+        ..Material::default().with_friction(material.friction)
     });
     SceneObject::new(id, kind, material, object.hollow).map_err(|error| error.within("object"))
 }
