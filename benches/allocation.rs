@@ -168,9 +168,10 @@ fn four_brakes(rng: &mut ChaCha8Rng) -> Vec<Case> {
             moment_length_m: device.mechanism.reach_m().1,
         };
         let hand_force = Some(planar(rng, 0.0..1.5));
-        let handle = Handle { velocity, hand_force, inertia: posture.inertia, tick_s: 1e-3 };
+        let inertia = posture.inertia;
+        let handle = Handle { position: posture.p_BH, velocity, hand_force, inertia, tick_s: 1e-3 };
         let normal = planar(rng, 0.0..1.0).normalize();
-        let walls = [WallDemand { normal, force_N: rng.random_range(1.0..100.0), depth_m: 0.0 }];
+        let walls = [WallDemand { normal, force_N: rng.random_range(1.0..100.0), depth_m: 1e-4 }];
         Case { capability, handle, desired: planar(rng, -1.0..2.0), walls }
     };
     postures.into_iter().map(case).collect()
@@ -193,6 +194,7 @@ fn six_motors(rng: &mut ChaCha8Rng) -> Vec<Case> {
             moment_length_m: 0.3,
         };
         let handle = Handle {
+            position: PlaneVector::zeros(),
             velocity: PlaneVector::zeros(),
             hand_force: None,
             inertia: HandleInertia::identity(),

@@ -20,6 +20,7 @@
 //! | [`session`] | PURE who may command: handshake, lease, liveness |
 //! | [`device`] | where samples come from: simulated plant and hand |
 //! | [`config`] | what the user wrote becomes what the loop needs |
+//! | [`analysis`] | PURE offline: experiments in virtual time |
 //! | `clock` | the device clock, for the rim |
 //! | `rt` | the thread: cycle, clock, rights (Linux) |
 //! | `telemetry` | one table of metrics, histograms, figures of a run |
@@ -48,6 +49,7 @@
 static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
 
 pub mod actuation;
+pub mod analysis;
 #[cfg(feature = "net")]
 pub mod app;
 #[cfg(feature = "net")]

@@ -4,7 +4,7 @@
 //! ([`Bounds`]). A motor has `[-max, max]`; a brake only the side against its rate (Karnopp
 //! 1985; Cho 2005, Eq 1). Everything here is a pure function of the reference matrix, rates
 //! and a desired wrench, in the plane B at the handle. Nothing here knows where the desire
-//! came from or what time it is; only [`StuckDetector`] remembers anything.
+//! came from or what time it is; only [`StuckDetector`] and [`LawState`] remember anything.
 #![cfg_attr(
     not(test),
     deny(clippy::disallowed_types, clippy::disallowed_methods, clippy::disallowed_macros)
@@ -17,6 +17,7 @@ mod nearest_reference;
 mod optimal;
 mod predicted_velocity;
 mod region;
+mod sliding;
 mod strategy;
 mod stuck;
 
@@ -27,7 +28,8 @@ pub use nearest_reference::{NearestReference, nearest_reference};
 pub use optimal::{optimal, optimal_weighted};
 pub use predicted_velocity::{Handle, WallDemand, predicted_velocity};
 pub use region::{Bracket, Classification, Region, approximation_angle, classify};
-pub use strategy::{Outcome, Strategy, StrategyError, allocate};
+pub use sliding::{LawState, Shafts};
+pub use strategy::{Outcome, Strategy, StrategyError, Wanted, allocate};
 pub use stuck::StuckDetector;
 
 use crate::notation::{ActuatorVector, PlaneVector};

@@ -25,6 +25,8 @@ const LEAST_COSINE: f64 = 1e-3;
 /// The handle as a wall law sees it, in B.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Handle {
+    /// Pose of the handle.
+    pub position: PlaneVector,
     /// Velocity of the handle.
     pub velocity: PlaneVector,
     /// What the hand puts on it; `None`: unknown.
@@ -179,6 +181,7 @@ mod tests {
         inertia[(0, 0)] = 0.5;
         inertia[(1, 1)] = 0.5;
         Handle {
+            position: PlaneVector::zeros(),
             velocity: PlaneVector::new(velocity[0], velocity[1], 0.0),
             hand_force: Some(PlaneVector::new(hand[0], hand[1], 0.0)),
             inertia,
@@ -187,7 +190,7 @@ mod tests {
     }
 
     fn wall(force_N: f64) -> WallDemand {
-        WallDemand { normal: -PlaneVector::x(), force_N, depth_m: 0.0 }
+        WallDemand { normal: -PlaneVector::x(), force_N, depth_m: 1e-5 }
     }
 
     const RAYS: [[f64; 2]; 4] = [[-3.0, 2.5], [-3.5, -1.0], [-1.0, 4.0], [4.0, -9.0]];

@@ -1,17 +1,27 @@
 //! Strategies by name, and the one place that tells which law runs when.
 //!
-//! `auto` holds walls by the wall law and gives the rest to the optimal allocation in the
-//! bounds that are left; the other strategies run always. A further law is one file and one
-//! line in [`allocate`].
+//! `auto` holds walls by a wall law and gives the rest to the optimal allocation in the bounds
+//! that are left. One stiff wall on brakes is held by `sliding`; soft walls, walls that meet,
+//! motors and three freedoms by `predicted-velocity`. `sliding` by name takes soft walls too.
+//! The other strategies run always. A further law is one file and one line in [`allocate`].
 
 use std::fmt;
 use std::str::FromStr;
 
 use super::{
-    ActuatorKind, Allocation, Capability, Handle, Region, WallDemand, classify, nearest_reference,
-    optimal, predicted_velocity,
+    ActuatorKind, Allocation, Capability, Handle, LawState, Region, Shafts, WallDemand, classify,
+    nearest_reference, optimal, predicted_velocity,
 };
 use crate::notation::{ActuatorVector, PlaneVector};
+
+/// From here on a wall is stiff: 10 N, a firm press, go 0.1 mm deep.
+const STIFF_N_PER_M: f64 = 1e5;
+
+/// A wall that asks for this share of the device's range is stiff however deep the handle is.
+const NEARLY_ALL: f64 = 0.9;
+
+/// Normals closer than this (cosine) are one wall.
+const COINCIDENT: f64 = 1.0 - 1e-6;
 
 /// A rule that turns a desired force into torques.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -25,12 +35,14 @@ pub enum Strategy {
     NearestReference,
     /// One brake whose locking leads out of the wall.
     PredictedVelocity,
+    /// One brake that slips at the pressing force.
+    Sliding,
 }
 
 impl Strategy {
     /// Every strategy, for tables and help.
-    pub const ALL: [Self; 4] =
-        [Self::Auto, Self::Optimal, Self::NearestReference, Self::PredictedVelocity];
+    pub const ALL: [Self; 5] =
+        [Self::Auto, Self::Optimal, Self::NearestReference, Self::PredictedVelocity, Self::Sliding];
 
     /// The name in files and on the command line.
     pub fn name(self) -> &'static str {
@@ -39,6 +51,7 @@ impl Strategy {
             Self::Optimal => "optimal",
             Self::NearestReference => "nearest-reference",
             Self::PredictedVelocity => "predicted-velocity",
+            Self::Sliding => "sliding",
         }
     }
 }
@@ -51,7 +64,7 @@ impl fmt::Display for Strategy {
 
 /// A name that is no strategy.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("no strategy `{0}`: one of auto, optimal, nearest-reference, predicted-velocity")]
+#[error("no strategy `{0}`: one of auto, optimal, nearest-reference, predicted-velocity, sliding")]
 #[allow(clippy::disallowed_types, reason = "made where a name is read, never in a tick")]
 pub struct StrategyError(pub String);
 
@@ -78,34 +91,104 @@ pub struct Outcome {
     pub region: Option<Region>,
 }
 
-/// Torques for a soft force and walls.
+/// What is asked of the actuators.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Wanted<'a> {
+    /// A force without a surface.
+    pub soft: PlaneVector,
+    /// Surfaces to be held.
+    pub walls: &'a [WallDemand],
+}
+
+impl Wanted<'_> {
+    /// All of it as one force.
+    fn total(&self) -> PlaneVector {
+        self.walls.iter().fold(self.soft, |sum, wall| sum + wall.normal * wall.force_N)
+    }
+}
+
+/// Torques for a soft force and walls. `state` is what the `sliding` law remembers: it is kept
+/// up to date under the strategies that may use the law, and emptied under the others.
 pub fn allocate(
     strategy: Strategy,
     capability: &Capability,
     handle: &Handle,
-    soft: &PlaneVector,
-    walls: &[WallDemand],
+    wanted: &Wanted,
+    shafts: &Shafts,
+    state: &mut LawState,
 ) -> Outcome {
-    let total = walls.iter().fold(*soft, |sum, wall| sum + wall.normal * wall.force_N);
+    let total = wanted.total();
+    let may_slide = matches!(strategy, Strategy::Auto | Strategy::Sliding);
+    let slid = if may_slide {
+        slide(strategy, capability, handle, wanted.walls, shafts, state)
+    } else {
+        state.reset();
+        None
+    };
     let law = match strategy {
-        Strategy::Auto if walls.iter().any(|wall| wall.force_N > 0.0) => {
+        Strategy::Auto | Strategy::Sliding if slid.is_some() => Strategy::Sliding,
+        Strategy::Auto | Strategy::Sliding if wanted.walls.iter().any(asks) => {
             Strategy::PredictedVelocity
         }
-        Strategy::Auto => Strategy::Optimal,
+        Strategy::Auto | Strategy::Sliding => Strategy::Optimal,
         named => named,
     };
-    let allocation = match law {
-        Strategy::NearestReference => {
+    let Allocation { mut torque_Nm, wrench } = match (law, slid) {
+        (Strategy::NearestReference, _) => {
             nearest_reference(capability, &total, &handle.velocity).allocation
         }
-        Strategy::PredictedVelocity => {
-            let held = predicted_velocity(capability, handle, walls);
-            with_rest(capability, &held, soft, &total)
+        (Strategy::PredictedVelocity, _) => {
+            let held = predicted_velocity(capability, handle, wanted.walls);
+            with_rest(capability, &held, &wanted.soft, &total)
         }
-        Strategy::Auto | Strategy::Optimal => optimal(capability, &total),
+        (Strategy::Sliding, Some(held)) => with_rest(capability, &held, &wanted.soft, &total),
+        _ => optimal(capability, &total),
     };
+    if may_slide {
+        torque_Nm = state.command(capability, handle, shafts, &torque_Nm, slid.is_some());
+    }
     let region = classify(capability, &total, &handle.velocity).map(|found| found.region);
-    Outcome { torque_Nm: allocation.torque_Nm, wrench: allocation.wrench, law, region }
+    Outcome { torque_Nm, wrench, law, region }
+}
+
+fn asks(wall: &WallDemand) -> bool {
+    wall.force_N > 0.0
+}
+
+/// The `sliding` law on the one wall that there is, where it can hold it: brakes, two freedoms,
+/// and for `auto` a stiff wall. A wall that was stiff when it was met stays so until it goes.
+fn slide(
+    strategy: Strategy,
+    capability: &Capability,
+    handle: &Handle,
+    walls: &[WallDemand],
+    shafts: &Shafts,
+    state: &mut LawState,
+) -> Option<Allocation> {
+    if capability.freedoms != 2 || !capability.is_passive() {
+        state.reset();
+        return None;
+    }
+    state.observe(capability, handle, shafts);
+    let asking = || walls.iter().filter(|wall| asks(wall));
+    let deepest = asking().max_by(|a, b| a.depth_m.total_cmp(&b.depth_m));
+    let known = strategy == Strategy::Sliding || state.is_touching();
+    let holds = deepest.is_none_or(|deepest| {
+        let same = |wall: &WallDemand| wall.normal.dot(&deepest.normal) > COINCIDENT;
+        asking().all(same) && (known || is_stiff(capability, deepest))
+    });
+    if !holds {
+        state.leave_wall();
+        return None;
+    }
+    state.hold(capability, handle, deepest)
+}
+
+/// Stiff: a hand's press goes no deeper than the layer in which the law works, or the wall
+/// already asks for what the device has.
+fn is_stiff(capability: &Capability, wall: &WallDemand) -> bool {
+    wall.force_N >= STIFF_N_PER_M * wall.depth_m
+        || wall.force_N >= NEARLY_ALL * capability.range_N(&wall.normal)
 }
 
 /// The walls' torques as they are, and the rest of the request from what is left: brakes
@@ -142,6 +225,7 @@ mod tests {
 
     fn handle() -> Handle {
         Handle {
+            position: PlaneVector::zeros(),
             velocity: PlaneVector::new(0.01, -0.1, 0.0),
             hand_force: Some(PlaneVector::new(10.0, -5.0, 0.0)),
             inertia: HandleInertia::identity(),
@@ -161,7 +245,16 @@ mod tests {
     }
 
     const WALL: [WallDemand; 1] =
-        [WallDemand { normal: PlaneVector::new(-1.0, 0.0, 0.0), force_N: 30.0, depth_m: 0.0 }];
+        [WallDemand { normal: PlaneVector::new(-1.0, 0.0, 0.0), force_N: 30.0, depth_m: 1e-3 }];
+
+    /// The first tick of `auto`.
+    fn auto(device: &Capability, soft: &PlaneVector, walls: &[WallDemand]) -> Outcome {
+        let wanted = Wanted { soft: *soft, walls };
+        let (lag_s, counts) = (ActuatorVector::zeros(), ActuatorVector::repeat(65_536.0));
+        let shafts = Shafts { lag_s: &lag_s, counts_per_revolution: &counts };
+        let mut state = LawState::default();
+        allocate(Strategy::Auto, device, &handle(), &wanted, &shafts, &mut state)
+    }
 
     #[test]
     fn names_are_read_as_they_are_written() {
@@ -176,19 +269,34 @@ mod tests {
     fn auto_is_optimal_in_free_air_and_the_wall_law_at_a_wall() {
         let device = device([ActuatorKind::Brake; MAX_ACTUATORS]);
         let soft = PlaneVector::new(0.0, 1.0, 0.0);
-        let air = allocate(Strategy::Auto, &device, &handle(), &soft, &[]);
+        let air = auto(&device, &soft, &[]);
         assert_eq!(air.law, Strategy::Optimal);
-        let wall = allocate(Strategy::Auto, &device, &handle(), &PlaneVector::zeros(), &WALL);
+        let wall = auto(&device, &PlaneVector::zeros(), &WALL);
         assert_eq!(wall.law, Strategy::PredictedVelocity);
         assert_eq!(wall.torque_Nm.iter().filter(|torque| **torque != 0.0).count(), 1);
     }
 
     #[test]
+    fn one_stiff_wall_is_slid_on_and_a_corner_or_a_soft_wall_is_not() {
+        let device = device([ActuatorKind::Brake; MAX_ACTUATORS]);
+        let none = PlaneVector::zeros();
+        let stiff = WallDemand { force_N: 30.0, depth_m: 1e-5, ..WALL[0] };
+        let deep = WallDemand { force_N: device.range_N(&stiff.normal), depth_m: 5e-3, ..stiff };
+        for wall in [stiff, deep] {
+            assert_eq!(auto(&device, &none, &[wall]).law, Strategy::Sliding);
+            assert_eq!(auto(&device, &none, &[wall, wall]).law, Strategy::Sliding);
+            let other = WallDemand { normal: PlaneVector::new(0.0, 1.0, 0.0), ..wall };
+            assert_eq!(auto(&device, &none, &[wall, other]).law, Strategy::PredictedVelocity);
+        }
+        assert_eq!(auto(&device, &none, &WALL).law, Strategy::PredictedVelocity);
+    }
+
+    #[test]
     fn a_soft_force_beside_a_wall_leaves_the_walls_brake_alone() {
         let device = device([ActuatorKind::Brake; MAX_ACTUATORS]);
-        let alone = allocate(Strategy::Auto, &device, &handle(), &PlaneVector::zeros(), &WALL);
+        let alone = auto(&device, &PlaneVector::zeros(), &WALL);
         let soft = PlaneVector::new(0.0, 2.0, 0.0);
-        let both = allocate(Strategy::Auto, &device, &handle(), &soft, &WALL);
+        let both = auto(&device, &soft, &WALL);
         let wall_brake = alone.torque_Nm.iamax();
         assert_eq!(both.torque_Nm[wall_brake], alone.torque_Nm[wall_brake]);
         assert!((both.wrench - alone.wrench - soft).norm() < 1e-9);
@@ -197,7 +305,7 @@ mod tests {
     #[test]
     fn motors_give_a_wall_what_it_asks() {
         let device = device([ActuatorKind::Motor; MAX_ACTUATORS]);
-        let wall = allocate(Strategy::Auto, &device, &handle(), &PlaneVector::zeros(), &WALL);
+        let wall = auto(&device, &PlaneVector::zeros(), &WALL);
         assert!((wall.wrench - PlaneVector::new(-30.0, 0.0, 0.0)).norm() < 1e-9);
     }
 }

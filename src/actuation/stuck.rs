@@ -63,7 +63,7 @@ mod tests {
     use super::*;
 
     const WALL: [WallDemand; 1] =
-        [WallDemand { normal: PlaneVector::new(-1.0, 0.0, 0.0), force_N: 30.0, depth_m: 0.0 }];
+        [WallDemand { normal: PlaneVector::new(-1.0, 0.0, 0.0), force_N: 30.0, depth_m: 1e-3 }];
 
     fn after(ticks: usize, hand: Option<[f64; 2]>, speed: f64, held: bool) -> bool {
         let mut detector = StuckDetector::default();

@@ -34,12 +34,10 @@ pub struct DeviceDefinition {
     pub description: String,
     /// The linkage with its inertia.
     pub mechanism: Arc<dyn Mechanism>,
-    /// Kinds, limits and encoders.
+    /// Kinds, limits, encoders and lags.
     pub actuators: Actuators,
     /// Names of the actuators, in the order of the shafts.
     pub actuator_names: Vec<Id>,
-    /// Time constant from commanded to actual torque.
-    pub lag_s: ActuatorVector,
     /// Torque of each actuator without any command.
     pub residual_Nm: ActuatorVector,
     /// `None`: the hand's force is unknown.
@@ -88,7 +86,7 @@ impl DeviceDefinition {
     fn build(name: &str, layout: &DeviceLayout) -> Result<Self, FieldError> {
         let name = Id::parse("file name without .toml", name)?;
         let (mechanism, parameters) = layout.mechanism.build(&layout.inertia, &layout.actuators)?;
-        let CheckedActuators { names, actuators, lag_s, residual_Nm } =
+        let CheckedActuators { names, actuators, residual_Nm } =
             check_actuators(&layout.actuators, mechanism.name(), mechanism.actuators())?;
         let (tick_ns, strategy, guards) = layout.control.check()?;
         Ok(Self {
@@ -98,7 +96,6 @@ impl DeviceDefinition {
             mechanism,
             actuators,
             actuator_names: names,
-            lag_s,
             residual_Nm,
             force_sensor: layout.hand_force.check()?,
             mount: layout.mount.check()?,
@@ -118,7 +115,7 @@ impl DeviceDefinition {
             kinds: self.actuators.kinds,
             max_torque_Nm: self.actuators.max_torque_Nm,
             counts_per_revolution: self.actuators.counts_per_revolution,
-            lag_s: self.lag_s,
+            lag_s: self.actuators.lag_s,
             residual_Nm: self.residual_Nm,
             force_sensor: self.force_sensor,
             hand: hand.fitted(self.mechanism.reach_m()),
@@ -178,7 +175,7 @@ mod tests {
                 assert_eq!(device.actuators.kinds[i], ActuatorKind::Brake);
                 assert_eq!(device.actuators.max_torque_Nm[i], 20.0);
                 assert_eq!(device.actuators.counts_per_revolution[i], 65_536.0);
-                assert_eq!((device.lag_s[i], device.residual_Nm[i]), (2e-3, 0.0));
+                assert_eq!((device.actuators.lag_s[i], device.residual_Nm[i]), (2e-3, 0.0));
             }
             let same = DeviceDefinition::load(&format!("sim:{name}")).unwrap();
             assert_eq!(same.parameters, device.parameters);

@@ -146,7 +146,6 @@ pub(super) struct SimulationLayout {
 pub(super) struct CheckedActuators {
     pub names: Vec<Id>,
     pub actuators: Actuators,
-    pub lag_s: ActuatorVector,
     pub residual_Nm: ActuatorVector,
 }
 
@@ -179,8 +178,8 @@ pub(super) fn check_actuators(
             counts_per_revolution: per_actuator(layouts, 1.0, |one| {
                 one.counts_per_revolution as f64
             }),
+            lag_s: per_actuator(layouts, 0.0, |one| one.lag_s),
         },
-        lag_s: per_actuator(layouts, 0.0, |one| one.lag_s),
         residual_Nm: per_actuator(layouts, 0.0, |one| one.residual_torque_Nm),
     })
 }

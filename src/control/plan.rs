@@ -54,6 +54,8 @@ pub struct Actuators {
     pub max_torque_Nm: ActuatorVector,
     /// Encoder counts of one turn of the shaft; 1 beyond the device's actuators.
     pub counts_per_revolution: ActuatorVector,
+    /// Time constant from commanded to actual torque, seconds; 0 is at once.
+    pub lag_s: ActuatorVector,
 }
 
 /// Bounds on what is asked and how it may change.

@@ -4,7 +4,7 @@ use super::estimate::Estimator;
 use super::stale::{Authority, Before};
 use super::{ActuatorCommands, ContactResult, Event, Fault, Mode, ModeCommand, ModeRefusal};
 use super::{Plan, RELEASED, Report};
-use crate::actuation::StuckDetector;
+use crate::actuation::{LawState, StuckDetector};
 use crate::environment::{
     Contact, MAX_CONTACTS, MAX_OBJECTS, MAX_POINTS, MAX_TOUCHES, SurfaceState, Tool,
 };
@@ -22,6 +22,8 @@ pub struct ControlState {
     pub(super) estimator: Estimator,
     pub(super) authority: Authority,
     pub(super) stuck: StuckDetector,
+    /// What the wall law remembers.
+    pub(super) law: LawState,
     pub(super) was_stuck: bool,
     /// Of each point of the tool, by slot.
     pub(super) scene: Box<[[SurfaceState; MAX_OBJECTS]]>,
@@ -53,6 +55,7 @@ impl ControlState {
             estimator: Estimator::default(),
             authority: Authority::default(),
             stuck: StuckDetector::default(),
+            law: LawState::default(),
             was_stuck: false,
             scene: vec![[SurfaceState::default(); MAX_OBJECTS]; MAX_POINTS].into(),
             contacts: ContactStates::default(),

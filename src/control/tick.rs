@@ -12,7 +12,8 @@ use super::{
     RenderedSource, Report, Sample, Setpoint, Wrench, guard, values_Nm,
 };
 use crate::actuation::{
-    ActuatorKind, Bounds, Capability, Handle, Outcome, ShaftMotion, allocate, approximation_angle,
+    ActuatorKind, Bounds, Capability, Handle, Outcome, ShaftMotion, Shafts, Wanted, allocate,
+    approximation_angle,
 };
 use crate::environment::{Desired, Source, Tool, ToolMotion};
 use crate::notation::{ActuatorVector, PlaneVector};
@@ -135,12 +136,21 @@ fn render(state: &mut ControlState, estimate: &Estimate, input: &TickInput) -> D
     let soft_BH_N = guard::slewed(&request.soft_BH_N, &last_soft_BH_N, plan, &mut limits);
     state.soft_BH_N = soft_BH_N;
     let handle = Handle {
+        position: estimate.p_BH,
         velocity: estimate.v_BH,
         hand_force: estimate.F_hand_BH_N,
         inertia: estimate.posture.inertia,
         tick_s: plan.tick_s(),
     };
-    let outcome = allocate(plan.strategy, &capability, &handle, &soft_BH_N, request.walls());
+    if !rendering {
+        state.law.reset();
+    }
+    let wanted = Wanted { soft: soft_BH_N, walls: request.walls() };
+    let shafts = Shafts {
+        lag_s: &plan.actuators.lag_s,
+        counts_per_revolution: &plan.actuators.counts_per_revolution,
+    };
+    let outcome = allocate(plan.strategy, &capability, &handle, &wanted, &shafts, &mut state.law);
     let commands = guard::commands(state.mode, &outcome.torque_Nm, plan, &mut limits);
 
     let stuck = watch_stuck(state, estimate, &request, &commands, plan);

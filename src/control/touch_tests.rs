@@ -184,6 +184,7 @@ fn box_rig(element: impl Fn(&Mount) -> Element) -> Rig {
         kinds: [ActuatorKind::Motor; MAX_ACTUATORS],
         max_torque_Nm: ActuatorVector::repeat(1e3),
         counts_per_revolution: ActuatorVector::repeat(1e8),
+        lag_s: ActuatorVector::zeros(),
     };
     plan.mount = Mount {
         p_WB_m: Vector3::new(0.1, 0.2, 0.3),

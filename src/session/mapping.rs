@@ -48,6 +48,7 @@ impl From<Strategy> for proto::Strategy {
             Strategy::Optimal => Self::Optimal,
             Strategy::NearestReference => Self::NearestReference,
             Strategy::PredictedVelocity => Self::PredictedVelocity,
+            Strategy::Sliding => Self::Sliding,
         }
     }
 }

@@ -196,9 +196,11 @@ fn bad_datagrams_are_counted_for_what_they_are_and_change_nothing() {
             assert_eq!(rig.scrape().datagrams("accepted"), 0.0, "number {number}");
         }
         // The session is as good as before, and none of them used up a number.
-        bare.connection.send_datagram(with_wall(|_| ()).into()).unwrap();
+        let state_seq = bare.state_after(hapticd::clock::now_ns()).await.seq;
+        let good = encoded(Command { state_seq, ..command(vec![wall_at(0.29)]) });
+        bare.connection.send_datagram(good.clone().into()).unwrap();
         rig.wait_for_datagrams("accepted", 1.0);
-        bare.connection.send_datagram(with_wall(|_| ()).into()).unwrap();
+        bare.connection.send_datagram(good.into()).unwrap();
         rig.wait_for_datagrams("old", 1.0);
         bare.connection.close(0u32.into(), b"");
     });

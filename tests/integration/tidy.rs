@@ -25,6 +25,7 @@ const LAYERS: &[&str] = &[
     "session",
     "device",
     "config",
+    "analysis",
     "clock",
     "rt",
     "telemetry",

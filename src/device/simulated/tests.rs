@@ -181,6 +181,7 @@ fn slide_under_predicted_velocity(lag_s: f64) -> [f64; 4] {
             moment_length_m: 0.1,
         };
         let handle = Handle {
+            position: truth.p_BH,
             velocity: truth.v_BH,
             hand_force: Some(truth.hand.F_hand_BH_N),
             inertia: posture.inertia,

@@ -189,7 +189,7 @@ fn describe(host: &DeviceHost) -> DeviceDescription {
             ActuatorKind::Motor => proto::ActuatorKind::Motor.into(),
         },
         max_torque_nm: device.actuators.max_torque_Nm[i],
-        lag_s: device.lag_s[i],
+        lag_s: device.actuators.lag_s[i],
         counts_per_revolution: device.actuators.counts_per_revolution[i],
     };
     DeviceDescription {
