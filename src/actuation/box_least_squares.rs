@@ -68,7 +68,7 @@ impl Search<'_> {
 
     fn residual(&self, x: &ActuatorVector) -> PlaneVector {
         let mut residual = *self.target;
-        for i in 0..self.count {
+        for i in (0..self.count).filter(|&i| x[i] != 0.0) {
             residual -= self.matrix.column(i) * x[i];
         }
         residual
@@ -82,7 +82,8 @@ impl Search<'_> {
             scale += self.length[i] * x[i].abs();
         }
         let mut best = (ROUNDING * scale, None);
-        for i in (0..self.count).filter(|&i| !self.free[i] && !tried[i]) {
+        let movable = |i: &usize| !self.free[*i] && !tried[*i] && self.lower[*i] < self.upper[*i];
+        for i in (0..self.count).filter(movable) {
             let length = self.length[i];
             let slope = self.matrix.column(i).dot(&residual);
             let room = if slope > 0.0 { x[i] < self.upper[i] } else { x[i] > self.lower[i] };

@@ -15,6 +15,9 @@ use nalgebra::{Cholesky, Const, Matrix2};
 use crate::actuation::{Capability, Handle, nearest_in_box};
 use crate::notation::{ActuatorVector, HandleInertia, PlaneVector, ReferenceMatrix};
 
+/// Brakes that give less than this, in all, are released: the lag only ever comes near zero.
+const RELEASED_NM: f64 = 1e-6;
+
 /// An innovation beyond this is no motion of the handle: the observer begins anew there.
 const LOST_M: f64 = 0.02;
 
@@ -64,6 +67,9 @@ impl Body {
         tick_s: f64,
     ) -> PlaneVector {
         let free = velocity + acceleration * tick_s;
+        if capacity_Nm.amax() <= RELEASED_NM {
+            return free;
+        }
         let l = self.factor.l_dirty();
         let (a, b, c) = (l[(0, 0)], l[(1, 0)], l[(1, 1)]);
         // L^-1 R, and -L^T v per second of the tick: numbers of the size of forces.
