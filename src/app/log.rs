@@ -37,6 +37,12 @@ impl Logs {
     pub fn line(&self, line: &str) {
         self.0.push(format!("{line}\n").into_bytes());
     }
+
+    /// Waits a moment until everything said so far is written: before something else draws on
+    /// the same terminal.
+    pub fn flush(&self) {
+        self.0.flush(FAREWELL);
+    }
 }
 
 impl Drop for Logs {

@@ -88,6 +88,7 @@ impl Wall {
         let until = self.seconds.map(|seconds| Instant::now() + seconds);
         let live = !self.json && std::io::stdout().is_terminal();
         if live {
+            logs.flush();
             view::live(&mut daemon, until, &mut || scene.check())?;
         } else {
             let tell = |line: String| if self.json { logs.line(&line) } else { say!("{line}") };
