@@ -81,14 +81,8 @@ impl Rig {
 
     fn tick(&mut self) -> Report {
         let at = PlaneVector::new(self.x_m, 0.0, 0.0);
-        let posture = self.plan.mechanism.posture_at(&at).expect("inside");
-        let mut sample = Sample::default();
-        for i in 0..self.plan.mechanism.actuators() {
-            let counts = posture.shaft_rad[i] * self.plan.actuators.counts_per_revolution[i];
-            sample.counts[i] = (counts / std::f64::consts::TAU).floor() as i64;
-        }
         let input = TickInput {
-            sample: Ok(sample),
+            sample: Ok(Sample::at(&self.plan, &at)),
             setpoint: &self.setpoint,
             plan: &self.plan,
             now_ns: self.now_ns,

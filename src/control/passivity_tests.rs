@@ -133,13 +133,7 @@ fn any_sample(rng: &mut ChaCha8Rng, plan: &Plan, at: &PlaneVector) -> Result<Sam
     if rng.random_bool(1e-4) {
         return Err(DeviceError::Timeout);
     }
-    let posture = plan.mechanism.posture_at(at).expect("the wanderer stays inside");
-    let mut sample = Sample::default();
-    for i in 0..plan.mechanism.actuators() {
-        let counts =
-            posture.shaft_rad[i] * plan.actuators.counts_per_revolution[i] / std::f64::consts::TAU;
-        sample.counts[i] = counts.floor() as i64;
-    }
+    let mut sample = Sample::at(plan, at);
     sample.F_hand_BH_N = rng.random_bool(0.7).then(|| {
         PlaneVector::new(rng.random_range(-60.0..60.0), rng.random_range(-60.0..60.0), 0.0)
     });

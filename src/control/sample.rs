@@ -19,6 +19,20 @@ impl Default for Sample {
     }
 }
 
+#[cfg(test)]
+impl Sample {
+    /// What encoders show of a handle at this place; no force sensor.
+    pub(crate) fn at(plan: &super::Plan, p_BH: &PlaneVector) -> Self {
+        let posture = plan.mechanism.posture_at(p_BH).expect("inside");
+        let mut sample = Self::default();
+        for i in 0..plan.mechanism.actuators() {
+            let counts = posture.shaft_rad[i] * plan.actuators.counts_per_revolution[i];
+            sample.counts[i] = (counts / std::f64::consts::TAU).floor() as i64;
+        }
+        sample
+    }
+}
+
 /// Why a device gave no sample or took no command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DeviceError {

