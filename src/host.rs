@@ -1,4 +1,4 @@
-//! One device as the services see it: its description, its mode, its scene, its last report.
+//! The devices as the services see them: description, mode, scene, last report.
 //!
 //! The only way from configuration to the real-time thread: whoever wants something of a
 //! running device comes through here, one at a time. A scene edit is made on a copy, checked,
@@ -180,6 +180,22 @@ impl DeviceHost {
             }
             std::thread::sleep(PAUSE);
         }
+    }
+}
+
+/// The devices of a server; cheap to clone.
+#[derive(Clone, Debug)]
+pub struct Hosts(Arc<[Arc<DeviceHost>]>);
+
+impl Hosts {
+    /// These devices, each of a name of its own.
+    pub fn new(hosts: Vec<Arc<DeviceHost>>) -> Self {
+        Self(hosts.into())
+    }
+
+    /// All of them.
+    pub fn iter(&self) -> impl Iterator<Item = &Arc<DeviceHost>> {
+        self.0.iter()
     }
 }
 

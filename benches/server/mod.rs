@@ -42,11 +42,11 @@ pub fn serve(config: &str) -> anyhow::Result<()> {
     // Its own, so that it goes with it whatever becomes of the bench.
     let state = tempfile::tempdir()?;
     config.state_dir = Some(state.path().to_owned());
-    let daemon = Daemon::start(&config, Start::default())?;
+    let mut daemon = Daemon::start(&config, Start::default())?;
     say(&daemon.connect_string().to_string())?;
     for line in stdin().lines() {
         line?;
-        say(&serde_json::to_string(&daemon.take_figures())?)?;
+        say(&serde_json::to_string(&daemon.devices()[0].take_figures())?)?;
     }
     daemon.stop();
     Ok(())

@@ -1,39 +1,28 @@
-//! A running daemon: one device, its threads, its sockets.
+//! A running daemon: its devices, its threads, its sockets.
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::JoinHandle;
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use anyhow::Context;
-use rustix::event::{EventfdFlags, eventfd};
 
+use super::device::{ReadyDevice, RunningDevice};
 use super::reachable;
 use super::services::Services;
 use super::sockets::Sockets;
 use crate::client::ConnectString;
 use crate::clock::now_ns;
 use crate::config::{
-    DeviceDefinition, RealtimePolicy, Scene, SceneFile, ServerConfig, StateDir, build_plan,
-    default_state_dir,
+    DeviceDefinition, RealtimePolicy, ServedDevice, ServerConfig, StateDir, default_state_dir,
+    load_devices,
 };
-use crate::control::{ControlState, Mode, Setpoint};
-use crate::device::{HandProgram, Pointer, PointerInput, SimulatedDevice};
-use crate::host::DeviceHost;
-use crate::link::bridge;
+use crate::host::Hosts;
 use crate::net::{self, Identity, StreamHandle, StreamParts};
-use crate::rt::{self, Cycle, Realtime, Right, RtConfig, RtHandle};
+use crate::rt::{self, Processor, Realtime, RtConfig};
 use crate::session::SessionConfig;
-use crate::telemetry::{
-    self, DeviceMetrics, LatestReport, RoundTrips, RunFigures, RunSummary, Telemetry,
-};
+use crate::telemetry::Telemetry;
 
-/// Seed of the simulated hand and noise: a run is as repeatable as its timing.
-const SEED: u64 = 1;
-
-/// SCHED_FIFO priority of the stream thread, or just below the loop's where that is lower.
+/// SCHED_FIFO priority of the stream thread, or just below the loops' where that is lower.
 const STREAM_PRIORITY: u8 = 40;
 
 /// How a daemon is started, beside its configuration.
@@ -48,10 +37,7 @@ pub struct Start {
 pub struct Daemon {
     stream: StreamHandle,
     services: Services,
-    rt: RtHandle,
-    feed: Feed,
-    round_trips: RoundTrips,
-    host: Arc<DeviceHost>,
+    devices: Vec<RunningDevice>,
     connect: ConnectString,
     /// Where `/metrics` is.
     pub http_address: SocketAddr,
@@ -64,37 +50,30 @@ pub struct Daemon {
 impl Daemon {
     /// Starts everything.
     pub fn start(config: &ServerConfig, start: Start) -> anyhow::Result<Self> {
-        let ready = Ready::new(config, start)?;
-        let Ready { definition, state_dir, scene, scene_file, device, .. } = ready;
-        let sha256 = ready.identity.sha256();
-        let grpc_address = ready.sockets.grpc.local_addr()?;
-        let http_address = ready.sockets.http.local_addr()?;
-        let mut services = Services::prepare(ready.sockets.grpc, ready.sockets.http)?;
+        let Ready { devices, state_dir, identity, sockets } = Ready::new(config, start)?;
+        let sha256 = identity.sha256();
+        let grpc_address = sockets.grpc.local_addr()?;
+        let http_address = sockets.http.local_addr()?;
+        let mut services = Services::prepare(sockets.grpc, sockets.http)?;
 
         let telemetry = Telemetry::new()?;
-        let rights = telemetry.device(definition.name.as_str());
-        let metrics = telemetry.device(definition.name.as_str());
-        let (rt_end, stream_end, records, supervisor) = bridge(&Setpoint::NONE);
-        let doorbell = eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC)?;
-        let round_trips = RoundTrips::default();
+        let (mut connected, mut streamed) = (Vec::new(), Vec::new());
+        for device in devices {
+            let sessions = session_config(config, &device, grpc_address.port());
+            let (device, stream) = device.connect(sessions, &telemetry)?;
+            connected.push(device);
+            streamed.push(stream);
+        }
         let stream = net::spawn_stream(StreamParts {
-            socket: ready.sockets.stream,
-            identity: ready.identity,
-            sessions: session_config(config, &definition, grpc_address.port()),
-            link: stream_end,
-            pointer: ready.pointer,
-            doorbell: doorbell.try_clone()?,
-            metrics: telemetry.stream(),
-            round_trips: round_trips.clone(),
+            socket: sockets.stream,
+            identity,
+            devices: streamed,
             on_start: raise_stream(config.rt_priority),
         })?;
-
-        let plan = Box::new(build_plan(&definition, &scene));
-        // A simulated device harms nobody and is enabled at once.
-        let cycle = Cycle::new(device, ControlState::new(Mode::Enabled), plan, rt_end);
-        let feed = Feed::start(records, metrics, definition.tick_ns)?;
-        let rt = rt::spawn(cycle, rt_config(config), doorbell)?;
-        tell_rights(&rt, &rights);
+        let mut devices = Vec::new();
+        for (i, (device, served)) in connected.into_iter().zip(&config.devices).enumerate() {
+            devices.push(device.start(rt_config(config, served, i))?);
+        }
         let connect = ConnectString {
             host: reachable::address(stream.address.ip()).to_string(),
             stream_port: stream.address.port(),
@@ -102,21 +81,10 @@ impl Daemon {
             sha256: Some(sha256),
             token: None,
         };
-        let latest = feed.latest.clone();
-        let host = Arc::new(DeviceHost::new(definition, supervisor, scene, scene_file, latest));
-        services.serve(telemetry.scrape(), &host);
-        Ok(Self {
-            stream,
-            services,
-            rt,
-            feed,
-            round_trips,
-            host,
-            connect,
-            http_address,
-            grpc_address,
-            _state_dir: state_dir,
-        })
+        let hosts = devices.iter().map(|device| device.host().clone()).collect();
+        services.serve(telemetry.scrape(), &Hosts::new(hosts));
+        let _state_dir = state_dir;
+        Ok(Self { stream, services, devices, connect, http_address, grpc_address, _state_dir })
     }
 
     /// How clients reach it.
@@ -124,24 +92,9 @@ impl Daemon {
         &self.connect
     }
 
-    /// Its device.
-    pub fn host(&self) -> &Arc<DeviceHost> {
-        &self.host
-    }
-
-    /// The figures of the run so far.
-    pub fn figures(&self) -> RunFigures {
-        let summary = self.feed.summary.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        summary.figures(&self.round_trips)
-    }
-
-    /// The figures since the start or since this was last called, which then begin anew: a
-    /// measurement can leave out what came before it.
-    pub fn take_figures(&self) -> RunFigures {
-        let summary = self.feed.summary.lock().unwrap_or_else(PoisonError::into_inner).take();
-        let figures = summary.figures(&self.round_trips);
-        self.round_trips.clear();
-        figures
+    /// What it serves, in the order of the configuration; at least one.
+    pub fn devices(&self) -> &[RunningDevice] {
+        &self.devices
     }
 
     /// Waits for Ctrl-C or SIGTERM, at most until `until`; true when one has come. One that
@@ -150,101 +103,43 @@ impl Daemon {
         self.services.wait_for_signal(until)
     }
 
-    /// Stops in order: clients are told, calls under way are answered, the device is let go,
-    /// and everything it did is in the figures. Returns those of the whole run.
-    pub fn stop(mut self) -> RunFigures {
-        self.stop_parts();
-        self.figures()
-    }
-
-    fn stop_parts(&mut self) {
+    /// Stops in order: clients are told, calls under way are answered, the devices are let go,
+    /// and everything they did is in their figures.
+    pub fn stop(&mut self) {
         self.services.close();
         self.stream.stop();
         self.services.stop();
-        self.rt.stop();
-        self.feed.stop();
+        self.devices.iter_mut().for_each(RunningDevice::stop);
     }
 }
 
 impl Drop for Daemon {
     fn drop(&mut self) {
-        self.stop_parts();
+        self.stop();
     }
 }
 
 /// What is read, made and bound before any thread starts; what is wrong with any of it is
 /// said here.
 struct Ready {
-    definition: DeviceDefinition,
+    devices: Vec<ReadyDevice>,
     state_dir: StateDir,
-    scene: Scene,
-    scene_file: SceneFile,
     identity: Identity,
-    device: SimulatedDevice,
-    pointer: Option<PointerInput>,
     sockets: Sockets,
 }
 
 impl Ready {
     fn new(config: &ServerConfig, start: Start) -> anyhow::Result<Self> {
-        let definition = DeviceDefinition::load(&config.device)?;
+        let definitions = load_devices(&config.devices)?;
         let state_dir = StateDir::open(state_path(config)?)?;
-        let (scene_file, scene) = state_dir.scene(&definition.name)?;
+        let ready = |(served, definition): (&ServedDevice, DeviceDefinition)| {
+            ReadyDevice::new(served, definition, &state_dir)
+        };
+        let devices = config.devices.iter().zip(definitions).map(ready);
+        let devices = devices.collect::<Result<_, _>>()?;
         let identity = Identity::load_or_create(state_dir.path())?;
-        let mut device = SimulatedDevice::new(definition.simulation(config.hand), SEED)
-            .with_context(|| format!("device {}", definition.name))?;
-        let pointer = (config.hand == HandProgram::Pointer).then(|| {
-            let (p_WB_m, q_WB) = (definition.mount.p_WB_m, definition.mount.q_WB);
-            let (pointer, input) = Pointer::new(p_WB_m, q_WB, definition.tool.offset_B_m);
-            device.follow(pointer);
-            input
-        });
         let sockets = Sockets::bind(config, start.or_free_ports)?;
-        Ok(Self { definition, state_dir, scene, scene_file, identity, device, pointer, sockets })
-    }
-}
-
-/// The telemetry thread and what it fills.
-#[derive(Debug)]
-struct Feed {
-    latest: LatestReport,
-    summary: Arc<Mutex<RunSummary>>,
-    stop: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
-}
-
-impl Feed {
-    fn start(
-        records: rtrb::Consumer<crate::control::Record>,
-        metrics: DeviceMetrics,
-        tick_ns: u64,
-    ) -> anyhow::Result<Self> {
-        let latest = LatestReport::default();
-        let summary = Arc::new(Mutex::new(RunSummary::new(tick_ns)));
-        let stop = Arc::new(AtomicBool::new(false));
-        let observed = Some(Arc::clone(&summary));
-        let thread =
-            telemetry::spawn(records, metrics, latest.clone(), observed, Arc::clone(&stop))?;
-        Ok(Self { latest, summary, stop, thread: Some(thread) })
-    }
-
-    /// Ends with everything taken in that was there.
-    fn stop(&mut self) {
-        self.stop.store(true, Ordering::Release);
-        if let Some(thread) = self.thread.take() {
-            // Its panic, if any, has been printed; the figures so far are still good.
-            let _ = thread.join();
-        }
-    }
-}
-
-/// Says which real-time rights were denied, in the log and in the metrics.
-fn tell_rights(rt: &RtHandle, metrics: &DeviceMetrics) {
-    for right in Right::ALL {
-        metrics.realtime_granted(right, !rt.denied().iter().any(|(denied, _)| *denied == right));
-    }
-    for (right, why) in rt.denied() {
-        tracing::warn!(right = right.name(), why, "real-time right denied, going on without");
+        Ok(Self { devices, state_dir, identity, sockets })
     }
 }
 
@@ -266,24 +161,22 @@ fn state_path(config: &ServerConfig) -> anyhow::Result<PathBuf> {
     )
 }
 
-fn rt_config(config: &ServerConfig) -> RtConfig {
+/// Of one device; those that do not name a processor share out the allowed ones.
+fn rt_config(config: &ServerConfig, served: &ServedDevice, place: usize) -> RtConfig {
     let realtime = match config.realtime {
         RealtimePolicy::BestEffort => Realtime::BestEffort,
         RealtimePolicy::Enforce => Realtime::Enforce,
     };
-    RtConfig { realtime, priority: config.rt_priority, cpu: config.rt_cpu }
+    let cpu = served.rt_cpu.map_or(Processor::FromLast(place), Processor::Number);
+    RtConfig { realtime, priority: config.rt_priority, cpu }
 }
 
-fn session_config(
-    config: &ServerConfig,
-    device: &DeviceDefinition,
-    grpc_port: u16,
-) -> SessionConfig {
-    let mechanism = &device.mechanism;
+fn session_config(config: &ServerConfig, device: &ReadyDevice, grpc_port: u16) -> SessionConfig {
+    let DeviceDefinition { name, mechanism, tick_ns, .. } = &device.definition;
     let utc_ns = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos());
     SessionConfig {
         max_sessions: config.session.max_sessions,
-        takes_hands: config.hand == HandProgram::Pointer,
+        takes_hands: device.takes_hands(),
         default_ttl_ms: config.session.default_ttl_ms,
         default_wrench_ttl_ms: config.session.default_wrench_ttl_ms,
         max_age_ms: config.session.max_age_ms,
@@ -291,8 +184,8 @@ fn session_config(
         grpc_port,
         utc_minus_device_ns: (utc_ns as i64).wrapping_sub(now_ns() as i64),
         ..SessionConfig::new(
-            device.name.as_str(),
-            device.tick_ns,
+            name.as_str(),
+            *tick_ns,
             mechanism.freedoms() as u32,
             mechanism.actuators() as u32,
         )

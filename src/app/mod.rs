@@ -1,7 +1,7 @@
 //! The composition root: builds a daemon from its parts, in order, and takes it down again.
 //!
 //! ```text
-//! ServerConfig ─▶ device, scene, identity, sockets, signals ─▶ stream ─▶ loop ─▶ services
+//! ServerConfig ─▶ devices, scenes, identity, sockets, signals ─▶ stream ─▶ loops ─▶ services
 //! ```
 //!
 //! Everything that can be refused (a file, a port, a certificate, a thread) is tried before
@@ -9,6 +9,7 @@
 //! Nothing here decides at run time.
 
 mod daemon;
+mod device;
 mod log;
 mod reachable;
 mod services;
@@ -16,5 +17,6 @@ mod signals;
 mod sockets;
 
 pub use daemon::{Daemon, Start};
+pub use device::RunningDevice;
 pub use log::{Logs, init as init_log};
 pub use signals::Signals;

@@ -1,7 +1,6 @@
 //! The service runtime: gRPC, HTTP, upkeep of the metrics, and the ear for signals.
 
 use std::future::Future;
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
@@ -10,7 +9,7 @@ use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
 use super::Signals;
-use crate::host::DeviceHost;
+use crate::host::Hosts;
 use crate::net::{self, Door};
 use crate::telemetry::Scrape;
 
@@ -53,18 +52,18 @@ impl Services {
     }
 
     /// Begins to serve.
-    pub fn serve(&mut self, scrape: Scrape, host: &Arc<DeviceHost>) {
+    pub fn serve(&mut self, scrape: Scrape, hosts: &Hosts) {
         let (Some(runtime), Some((grpc, http))) = (&self.runtime, self.doors.take()) else {
             return;
         };
         let stopped = self.shutdown.subscribe();
-        let serving = net::serve_grpc(grpc, Arc::clone(host), stopped.clone());
+        let serving = net::serve_grpc(grpc, hosts.clone(), stopped.clone());
         self.serving.push(runtime.spawn(async move {
             if let Err(error) = serving.await {
                 tracing::error!(%error, "the services stopped");
             }
         }));
-        let serving = net::serve_http(http, scrape.clone(), Arc::clone(host), stopped);
+        let serving = net::serve_http(http, scrape.clone(), hosts.clone(), stopped);
         self.serving.push(runtime.spawn(async move {
             if let Err(error) = serving.await {
                 tracing::error!(%error, "HTTP stopped");

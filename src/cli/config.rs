@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::Context;
 use clap::Args;
 
-use crate::config::{DeviceDefinition, EXAMPLE, ServerConfig};
+use crate::config::{EXAMPLE, ServerConfig, load_devices};
 
 /// Print a commented configuration, or check one.
 #[derive(Debug, Args)]
@@ -17,7 +17,7 @@ pub struct Config {
     /// Print every key with its default and meaning
     #[arg(long)]
     example: bool,
-    /// Check a file and the device that it names
+    /// Check a file and the devices that it names
     #[arg(long, value_name = "FILE")]
     check: Option<PathBuf>,
 }
@@ -32,8 +32,10 @@ impl Config {
         let text = std::fs::read_to_string(&path)
             .with_context(|| format!("cannot read {}", path.display()))?;
         let config = ServerConfig::from_toml(&text, &path.display().to_string())?;
-        let device = DeviceDefinition::load(&config.device)?;
-        say!("ok: {} serves devices/{} on {}", path.display(), device.name, config.listen);
+        let devices = load_devices(&config.devices)?;
+        let names: Vec<_> =
+            devices.iter().map(|device| format!("devices/{}", device.name)).collect();
+        say!("ok: {} serves {} on {}", path.display(), names.join(", "), config.listen);
         Ok(())
     }
 }

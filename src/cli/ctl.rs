@@ -146,15 +146,18 @@ pub fn plain(status: tonic::Status) -> anyhow::Error {
 }
 
 async fn device_name(services: &mut Services, wanted: Option<&str>) -> anyhow::Result<String> {
-    if let Some(name) = wanted {
-        return Ok(format!("devices/{}", name.trim_start_matches("devices/")));
+    if wanted.is_some() {
+        return Ok(format::device_resource(wanted));
     }
     let devices = services.devices.list_devices(ListDevicesRequest {}).await.map_err(plain)?;
-    let mut names = devices.into_inner().devices.into_iter().map(|device| device.name);
-    match (names.next(), names.next()) {
-        (Some(only), None) => Ok(only),
+    let mut names: Vec<_> = devices.into_inner().devices.into_iter().map(|d| d.name).collect();
+    match (names.pop(), names.as_slice()) {
+        (Some(only), []) => Ok(only),
         (None, _) => bail!("the server has no device"),
-        _ => bail!("the server has several devices: say which with --device"),
+        (Some(last), others) => bail!(
+            "the server has several devices, say which with --device: {}, {last}",
+            others.join(", ")
+        ),
     }
 }
 

@@ -12,7 +12,7 @@ use clap::{Args, Subcommand};
 use super::format::parse_seconds;
 use super::view;
 use crate::app::{Daemon, Logs, Start, init_log};
-use crate::config::{LogLevel, ServerConfig};
+use crate::config::{LogLevel, ServedDevice, ServerConfig};
 use crate::device::HandProgram;
 use crate::telemetry::RunFigures;
 
@@ -75,8 +75,11 @@ impl Wall {
         let scratch = tempfile::tempdir().context("no folder for the demo's state")?;
         let state_dir = self.state_dir.clone().unwrap_or_else(|| scratch.path().to_owned());
         let mut config = ServerConfig {
-            device: self.device.clone(),
-            hand: self.hand,
+            devices: vec![ServedDevice {
+                source: self.device.clone(),
+                hand: self.hand,
+                ..ServedDevice::default()
+            }],
             state_dir: Some(state_dir),
             ..ServerConfig::default()
         };
@@ -95,7 +98,8 @@ impl Wall {
             view::plain(&mut daemon, until, &tell, &mut || scene.check())?;
         }
         scene.stop();
-        print(&daemon.stop(), self.json)
+        daemon.stop();
+        print(&daemon.devices()[0].figures(), self.json)
     }
 }
 

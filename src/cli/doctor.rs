@@ -15,7 +15,7 @@ use serde::Serialize;
 use super::format::parse_seconds;
 use super::serve::Settings;
 use crate::config::ServerConfig;
-use crate::rt::{RtConfig, Wakeups, measure_wakeups};
+use crate::rt::{Processor, RtConfig, Wakeups, measure_wakeups};
 use crate::telemetry::durations_ns;
 
 /// The loop's usual rate.
@@ -149,8 +149,9 @@ impl Doctor {
 
     fn measure(&self, config: &ServerConfig) -> anyhow::Result<(Measured, Wakeups)> {
         let count = (self.seconds.as_nanos() as u64 / PERIOD_NS).max(100) as usize;
-        let rt =
-            RtConfig { priority: config.rt_priority, cpu: config.rt_cpu, ..Default::default() };
+        let first = config.devices.first().and_then(|device| device.rt_cpu);
+        let cpu = first.map_or(Processor::FromLast(0), Processor::Number);
+        let rt = RtConfig { priority: config.rt_priority, cpu, ..Default::default() };
         let before = system::processor_times();
         let wakeups = measure_wakeups(rt, PERIOD_NS, count)?;
         let steal_ratio = before.zip(system::processor_times()).map(|(a, b)| b.steal_since(&a));

@@ -69,6 +69,13 @@ pub fn parse_vector(text: &str) -> Result<Vector3, String> {
     }
 }
 
+/// The resource name of the device that somebody named; empty: the only one.
+pub fn device_resource(name: Option<&str>) -> String {
+    name.map_or_else(String::new, |name| {
+        format!("devices/{}", name.strip_prefix("devices/").unwrap_or(name))
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -7,7 +7,7 @@ use clap::Args;
 use hdrhistogram::Histogram;
 use serde_json::json;
 
-use super::format::parse_seconds;
+use super::format::{device_resource, parse_seconds};
 use crate::client::{Client, ConnectString, Incoming, Options};
 use crate::proto::Role;
 use crate::telemetry::durations_ns;
@@ -25,6 +25,9 @@ pub struct Ping {
     /// Where the server is: the line that `serve` prints, or HOST:PORT on this machine
     #[arg(value_name = "TARGET", default_value = "127.0.0.1:7351")]
     target: ConnectString,
+    /// Which device, where there are several
+    #[arg(long, value_name = "NAME")]
+    device: Option<String>,
     /// How long to measure
     #[arg(long, value_name = "N", default_value = "3", value_parser = parse_seconds, allow_negative_numbers = true)]
     seconds: Duration,
@@ -49,6 +52,7 @@ impl Ping {
             state_interval,
             // Every ping is one of these, and every answer is one of theirs.
             pings: false,
+            device: device_resource(self.device.as_deref()),
             ..Options::new("hapticd ping", Role::Observer)
         };
         let mut client = Client::connect(&self.target, options).await?;

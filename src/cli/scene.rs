@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use clap::{Args, Subcommand};
 
-use super::format::parse_seconds;
+use super::format::{device_resource, parse_seconds};
 use crate::app::Signals;
 use crate::client::{Client, ClientError, ConnectString, Incoming, Options};
 use crate::proto::{ByeReason, Contact, HalfSpaceContact, Role, contact::Shape};
@@ -33,6 +33,9 @@ struct Wall {
     /// Where the server is: the line that `serve` prints, or HOST:PORT on this machine
     #[arg(long, value_name = "STRING", default_value = "127.0.0.1:7351")]
     connect: ConnectString,
+    /// Which device, where there are several
+    #[arg(long, value_name = "NAME")]
+    device: Option<String>,
     /// Transport of the stream
     #[arg(long, default_value = "quic", value_parser = ["quic"])]
     transport: String,
@@ -85,7 +88,10 @@ impl Wall {
 
     async fn run(self) -> anyhow::Result<()> {
         let mut signals = Signals::register()?;
-        let options = Options::new("hapticd scene wall", Role::Controller);
+        let options = Options {
+            device: device_resource(self.device.as_deref()),
+            ..Options::new("hapticd scene wall", Role::Controller)
+        };
         let mut client = tokio::select! {
             connected = Client::connect(&self.connect, options) => connected?,
             () = signals.received() => {

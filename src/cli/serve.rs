@@ -12,12 +12,13 @@ use crate::client::ConnectString;
 use crate::config::{Overrides, ServerConfig};
 use crate::device::HandProgram;
 
-/// Serve a device: stream, services, metrics. Without anything else, a simulated Cho-2005
+/// Serve one device or several: stream, services, metrics. Without anything else, a simulated Cho-2005
 /// device with a simulated hand, on this machine only.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   hapticd serve
   hapticd serve --device two-link --hand circle
+  hapticd serve --device left=cho-2005 --device right=cho-2005
   hapticd serve --config hapticd.toml --state-dir /var/lib/hapticd
 
 Then, in another terminal:  hapticd scene wall --connect 127.0.0.1:7351 --seconds 30")]
@@ -32,9 +33,10 @@ pub struct Settings {
     /// Configuration file; `hapticd config --example` prints one
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Built-in device (cho-2005, cho-2005-unoptimised, cho-2005-crossed, two-link) or a device file
-    #[arg(long, value_name = "NAME|FILE")]
-    pub device: Option<String>,
+    /// Built-in device (cho-2005, cho-2005-unoptimised, cho-2005-crossed, two-link) or a device
+    /// file; several times for several devices, with an ID to call it otherwise
+    #[arg(long = "device", value_name = "[ID=]NAME|FILE")]
+    pub devices: Vec<String>,
     /// Program of the simulated hand: hold, press-and-slide, circle, random, pointer
     #[arg(long, value_name = "PROGRAM")]
     pub hand: Option<HandProgram>,
@@ -61,7 +63,7 @@ impl Settings {
             }
         };
         let overrides = Overrides {
-            device: self.device.clone(),
+            devices: self.devices.clone(),
             hand: self.hand,
             state_dir: self.state_dir.clone(),
             listen: self.listen,
@@ -79,7 +81,7 @@ impl Serve {
         let mut daemon = Daemon::start(&config, Start::default())?;
         announce(daemon.connect_string()).context("cannot write to stdout")?;
         tracing::info!(
-            device = %daemon.host().definition().name,
+            devices = names(&daemon).join(", "),
             grpc = %daemon.grpc_address,
             http = %format!("http://{}/metrics", daemon.http_address),
             "serving; Ctrl-C stops"
@@ -89,6 +91,10 @@ impl Serve {
         daemon.stop();
         Ok(())
     }
+}
+
+fn names(daemon: &Daemon) -> Vec<String> {
+    daemon.devices().iter().map(|device| device.host().definition().name.to_string()).collect()
 }
 
 /// Plain, alone on its line and flushed: programs read it. One that does not want it leaves

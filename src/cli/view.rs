@@ -14,7 +14,7 @@ use ratatui::widgets::canvas::{Canvas, Context, Line as Stroke};
 use ratatui::widgets::{Block, Paragraph};
 
 use super::format;
-use crate::app::Daemon;
+use crate::app::{Daemon, RunningDevice};
 use crate::config::DeviceDefinition;
 use crate::control::{Limit, Mount, RenderedSource, Report};
 use crate::proto;
@@ -37,9 +37,9 @@ pub fn live(daemon: &mut Daemon, until: Option<Instant>, check: Check) -> anyhow
     let mut terminal = ratatui::try_init()?;
     let result = (|| loop {
         check()?;
-        let figures = daemon.figures();
-        let report = daemon.host().report();
-        terminal.draw(|frame| draw(frame, daemon, &report, &figures))?;
+        let device = &daemon.devices()[0];
+        let (report, figures) = (device.host().report(), device.figures());
+        terminal.draw(|frame| draw(frame, daemon, device, &report, &figures))?;
         let over = until.is_some_and(|until| Instant::now() >= until);
         if over || quit_pressed()? || daemon.wait_for_signal(Some(Instant::now())) {
             return Ok(());
@@ -78,7 +78,8 @@ pub fn plain(
             return Ok(());
         }
         check()?;
-        tell(line(&daemon.host().report(), &daemon.figures()));
+        let device = &daemon.devices()[0];
+        tell(line(&device.host().report(), &device.figures()));
         if until.is_some_and(|until| Instant::now() >= until) {
             return Ok(());
         }
@@ -107,10 +108,16 @@ fn region_word(report: &Report) -> String {
     report.region.map_or("-".into(), |region| format::word(region.name(), ""))
 }
 
-fn draw(frame: &mut Frame, daemon: &Daemon, report: &Report, figures: &RunFigures) {
+fn draw(
+    frame: &mut Frame,
+    daemon: &Daemon,
+    device: &RunningDevice,
+    report: &Report,
+    figures: &RunFigures,
+) {
     let [picture, side] =
         Layout::horizontal([Constraint::Min(40), Constraint::Length(44)]).areas(frame.area());
-    let device = daemon.host().definition();
+    let device = device.host().definition();
     draw_device(frame, picture, device, report);
     let [forces, brakes, latency] = Layout::vertical([
         Constraint::Length(13),

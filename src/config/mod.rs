@@ -15,6 +15,7 @@ mod plan;
 mod scene;
 mod scene_file;
 mod scene_layout;
+mod served;
 mod server;
 mod server_layout;
 
@@ -25,6 +26,7 @@ pub use object::{ObjectKind, SceneObject};
 pub use plan::build_plan;
 pub use scene::{ExpectedRevision, Scene, SceneError};
 pub use scene_file::{SceneFile, StateDir, StateError};
+pub use served::{MAX_DEVICES, ServedDevice, load_devices};
 pub use server::{
     EXAMPLE, LogConfig, LogFormat, LogLevel, Overrides, RealtimePolicy, ServerConfig,
     SessionLimits, default_state_dir,

@@ -10,6 +10,7 @@ use std::path::PathBuf;
 
 use serde::Deserialize;
 
+use super::served::{ServedDevice, check_count};
 use super::server_layout::ServerLayout;
 use super::{ConfigError, error};
 use crate::device::HandProgram;
@@ -31,16 +32,12 @@ pub struct ServerConfig {
     pub http_port: u16,
     /// Listening beyond loopback without credentials was asked for.
     pub insecure: bool,
-    /// Name or file of the device.
-    pub device: String,
-    /// What the simulated hand does.
-    pub hand: HandProgram,
+    /// What is served; at least one.
+    pub devices: Vec<ServedDevice>,
     /// What happens without real-time rights.
     pub realtime: RealtimePolicy,
-    /// SCHED_FIFO priority of the loop.
+    /// SCHED_FIFO priority of the loops.
     pub rt_priority: u8,
-    /// Processor of the loop; `None`: the system chooses.
-    pub rt_cpu: Option<usize>,
     /// Where state is kept; `None`: see [`default_state_dir`].
     pub state_dir: Option<PathBuf>,
     /// What is logged, and how.
@@ -129,8 +126,8 @@ pub struct SessionLimits {
 /// What a command line says; it takes the place of the file's value.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Overrides {
-    /// `--device`
-    pub device: Option<String>,
+    /// `--device`, as often as there are devices
+    pub devices: Vec<String>,
     /// `--hand`
     pub hand: Option<HandProgram>,
     /// `--state-dir`
@@ -149,11 +146,9 @@ impl Default for ServerConfig {
             stream_port: 7351,
             http_port: 7353,
             insecure: false,
-            device: "cho-2005".into(),
-            hand: HandProgram::default(),
+            devices: vec![ServedDevice::default()],
             realtime: RealtimePolicy::default(),
             rt_priority: 80,
-            rt_cpu: None,
             state_dir: None,
             log: LogConfig::default(),
             session: SessionLimits {
@@ -176,9 +171,17 @@ impl ServerConfig {
     /// The same with what the command line says; an empty text is all defaults.
     pub fn with_overrides(text: &str, file: &str, over: Overrides) -> Result<Self, ConfigError> {
         let layout: ServerLayout = error::parse(text, file)?;
-        let mut config = layout.check().map_err(ConfigError::field(file))?;
-        config.device = over.device.unwrap_or(config.device);
-        config.hand = over.hand.unwrap_or(config.hand);
+        let usual = layout.usual_device().map_err(ConfigError::field(file))?;
+        let mut config = layout.check(&usual).map_err(ConfigError::field(file))?;
+        if !over.devices.is_empty() {
+            let of = |text: &String| usual.of("--device", text);
+            let devices = over.devices.iter().map(of).collect::<Result<_, _>>();
+            config.devices = devices.map_err(ConfigError::field("command line"))?;
+            check_count(config.devices.len()).map_err(ConfigError::field("command line"))?;
+        }
+        for device in &mut config.devices {
+            device.hand = over.hand.unwrap_or(device.hand);
+        }
         config.state_dir = over.state_dir.or(config.state_dir);
         config.listen = over.listen.unwrap_or(config.listen);
         config.insecure |= over.insecure;
@@ -223,13 +226,20 @@ mod tests {
     #[test]
     fn the_example_mentions_every_key_and_explains_it() {
         // The layouts themselves say which keys there are.
-        for (table, at_least) in [("", 9), ("[server]\n", 5), ("[log]\n", 2), ("[session]\n", 3)] {
+        for (table, at_least) in
+            [("", 10), ("[server]\n", 5), ("[log]\n", 2), ("[session]\n", 3), ("[[devices]]\n", 4)]
+        {
             let said = refusal(&format!("{table}no-such-key = 1"));
             let expected = said.split_once("expected").expect(&said).1;
             let keys: Vec<_> = expected.split('`').skip(1).step_by(2).collect();
             assert!(keys.len() >= at_least, "{said}");
             for key in keys {
-                let starts = [format!("{key} = "), format!("# {key} = "), format!("[{key}]")];
+                let starts = [
+                    format!("{key} = "),
+                    format!("# {key} = "),
+                    format!("[{key}]"),
+                    format!("# [[{key}]]"),
+                ];
                 let lines: Vec<_> = EXAMPLE.lines().collect();
                 let found = lines
                     .iter()
@@ -243,10 +253,15 @@ mod tests {
 
     #[test]
     fn the_keys_left_out_of_the_example_are_right_too() {
-        let text = EXAMPLE.replace("# rt_cpu", "rt_cpu").replace("# state_dir", "state_dir");
+        let (keys, devices) = EXAMPLE.split_once("# [[devices]]").unwrap();
+        let text = keys.replace("# rt_cpu", "rt_cpu").replace("# state_dir", "state_dir");
         let config = ServerConfig::from_toml(&text, "example").unwrap();
-        assert_eq!(config.rt_cpu, Some(1));
+        assert_eq!(config.devices[0].rt_cpu, Some(1));
         assert_eq!(config.state_dir, Some("/var/lib/hapticd".into()));
+        let devices = format!("[[devices]]{}", devices.replace("# As ", "#").replace("\n# ", "\n"));
+        let devices = devices.replace("It is", "# It is");
+        let config = ServerConfig::from_toml(&devices, "example").unwrap();
+        assert_eq!(config.devices[0].name.as_ref().unwrap().as_str(), "left");
     }
 
     #[test]
@@ -301,15 +316,15 @@ mod tests {
     #[test]
     fn the_command_line_goes_before_the_file() {
         let over = Overrides {
-            device: Some("two-link".into()),
+            devices: vec!["two-link".into()],
             hand: Some(HandProgram::Hold),
             state_dir: Some("/elsewhere".into()),
             ..Overrides::default()
         };
         let text = "device = \"cho-2005-crossed\"\nhand = \"circle\"\nstate_dir = \"/there\"\n";
         let config = ServerConfig::with_overrides(text, "f", over).unwrap();
-        assert_eq!(config.device, "two-link");
-        assert_eq!(config.hand, HandProgram::Hold);
+        let [device] = config.devices.as_slice() else { panic!("one device") };
+        assert_eq!((device.source.as_str(), device.hand), ("two-link", HandProgram::Hold));
         assert_eq!(config.state_dir, Some("/elsewhere".into()));
     }
 

@@ -8,8 +8,8 @@ use std::path::PathBuf;
 
 use serde::Deserialize;
 
+use super::served::{DeviceTable, ServedDevice, check_devices, check_hand, check_processor};
 use super::server::{LogConfig, RealtimePolicy, ServerConfig, SessionLimits};
-use crate::device::HandProgram;
 use crate::units::{self, FieldError};
 
 /// The layout of the file.
@@ -25,6 +25,7 @@ pub(super) struct ServerLayout {
     server: AddressLayout,
     log: LogConfig,
     session: SessionLayout,
+    devices: Vec<DeviceTable>,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -48,9 +49,20 @@ struct SessionLayout {
 }
 
 impl ServerLayout {
+    /// What a device has that does not say otherwise.
+    pub fn usual_device(&self) -> Result<ServedDevice, FieldError> {
+        let usual = ServedDevice::default();
+        Ok(ServedDevice {
+            hand: self.hand.as_deref().map_or(Ok(usual.hand), check_hand)?,
+            rt_cpu: self.rt_cpu.map(check_processor).transpose()?,
+            ..usual
+        })
+    }
+
     /// The values of all tables; whether they may go together beyond loopback is not asked here.
-    pub fn check(self) -> Result<ServerConfig, FieldError> {
+    pub fn check(self, usual_device: &ServedDevice) -> Result<ServerConfig, FieldError> {
         let usual = ServerConfig::default();
+        let devices = check_devices(self.device.as_deref(), usual_device, &self.devices)?;
         let Self { server, session, .. } = self;
         Ok(ServerConfig {
             listen: server.listen.map_or(Ok(usual.listen), |text| check_listen(&text))?,
@@ -63,8 +75,7 @@ impl ServerLayout {
             )?,
             http_port: whole("server.http_port", &units::PORT, server.http_port, usual.http_port)?,
             insecure: server.insecure,
-            device: self.device.unwrap_or(usual.device),
-            hand: self.hand.map_or(Ok(usual.hand), |text| check_hand(&text))?,
+            devices,
             realtime: self.realtime,
             rt_priority: whole(
                 "rt_priority",
@@ -72,10 +83,6 @@ impl ServerLayout {
                 self.rt_priority,
                 usual.rt_priority,
             )?,
-            rt_cpu: self
-                .rt_cpu
-                .map(|cpu| whole("rt_cpu", &units::PROCESSOR, Some(cpu), 0))
-                .transpose()?,
             state_dir: self.state_dir,
             log: self.log,
             session: session.check(&usual.session)?,
@@ -133,11 +140,4 @@ fn whole<T: TryFrom<u64>>(
 fn check_listen(text: &str) -> Result<IpAddr, FieldError> {
     let allowed = "must be an IP address, such as 127.0.0.1 or ::1";
     text.parse().map_err(|_| FieldError::new("server.listen", format!("{text:?}"), allowed))
-}
-
-fn check_hand(text: &str) -> Result<HandProgram, FieldError> {
-    text.parse().map_err(|_| {
-        let names = HandProgram::all().map(|program| format!("{:?}", program.name())).join(", ");
-        FieldError::new("hand", format!("{text:?}"), format!("must be one of {names}"))
-    })
 }

@@ -9,7 +9,7 @@ use axum::routing::get;
 use tokio::sync::watch;
 
 use super::Door;
-use crate::host::DeviceHost;
+use crate::host::{DeviceHost, Hosts};
 use crate::telemetry::Scrape;
 
 /// Prometheus' text format.
@@ -19,7 +19,7 @@ const TEXT_FORMAT: &str = "text/plain; version=0.0.4; charset=utf-8";
 pub async fn serve(
     door: Door,
     scrape: Scrape,
-    host: Arc<DeviceHost>,
+    hosts: Hosts,
     mut stopped: watch::Receiver<bool>,
 ) -> std::io::Result<()> {
     let metrics = move || {
@@ -27,8 +27,8 @@ pub async fn serve(
         async move { ([(header::CONTENT_TYPE, TEXT_FORMAT)], scrape.render()) }
     };
     let health = move || {
-        let host = Arc::clone(&host);
-        async move { health(&host) }
+        let hosts = hosts.clone();
+        async move { health(&hosts) }
     };
     let router = Router::new().route("/metrics", get(metrics)).route("/healthz", get(health));
     let shutdown = async move {
@@ -37,11 +37,14 @@ pub async fn serve(
     axum::serve(door, router).with_graceful_shutdown(shutdown).await
 }
 
-/// 200 while the loop turns, 503 when it does not.
-fn health(host: &DeviceHost) -> impl IntoResponse + use<> {
-    if host.is_alive() {
-        (StatusCode::OK, "ok\n")
-    } else {
-        (StatusCode::SERVICE_UNAVAILABLE, "the real-time loop does not turn\n")
+/// 200 while every loop turns, 503 when one does not, with its name.
+fn health(hosts: &Hosts) -> impl IntoResponse + use<> {
+    let dead = |host: &&Arc<DeviceHost>| !host.is_alive();
+    let name = |host: &Arc<DeviceHost>| host.definition().name.to_string();
+    let dead: Vec<_> = hosts.iter().filter(dead).map(name).collect();
+    if dead.is_empty() {
+        return (StatusCode::OK, "ok\n".to_owned());
     }
+    let said = format!("the real-time loop does not turn: {}\n", dead.join(", "));
+    (StatusCode::SERVICE_UNAVAILABLE, said)
 }

@@ -8,11 +8,13 @@
 mod door;
 mod grpc;
 mod http;
+mod hub;
 mod identity;
 mod stream;
 
 pub use door::Door;
 pub use grpc::serve as serve_grpc;
 pub use http::serve as serve_http;
+pub use hub::StreamDevice;
 pub use identity::{Identity, IdentityError};
 pub use stream::{StreamError, StreamHandle, StreamParts, spawn as spawn_stream};

@@ -1,8 +1,8 @@
-//! The stream thread: QUIC connections in and out of one device's [`Sessions`].
+//! The stream thread: QUIC connections in and out of the devices' sessions.
 //!
-//! One thread, one runtime, no lock: connections, the doorbell of the real-time thread and
-//! the timer are tasks that take turns on the same hub. A datagram becomes a setpoint, and a
-//! report becomes datagrams, without waiting for anything else.
+//! One thread, one runtime, no lock: connections, the doorbells of the real-time threads and
+//! the timer are tasks that take turns on the same [`Hub`]. A datagram becomes a setpoint, and
+//! a report becomes datagrams, without waiting for anything else.
 
 use std::cell::RefCell;
 use std::collections::HashMap;
@@ -21,16 +21,11 @@ use tokio::io::unix::AsyncFd;
 use tokio::sync::{mpsc, oneshot};
 
 use super::Identity;
+use super::hub::{Hub, Peer, StreamDevice};
 use crate::clock::now_ns;
-use crate::control::{Report, Setpoint};
-use crate::device::{PointerInput, PointerTarget};
-use crate::link::StreamEnd;
 use crate::proto::StreamMessage;
 use crate::quic;
-use crate::session::{
-    HandTarget, Outcome, Output, Quality, Role, SessionConfig, SessionId, Sessions, Transport,
-};
-use crate::telemetry::{RoundTrips, StreamMetrics};
+use crate::session::{SessionId, Transport};
 use crate::wire::{FrameDecoder, encode_frame};
 
 /// Messages that may wait on a reliable stream; a client that reads nothing loses it.
@@ -54,18 +49,8 @@ pub struct StreamParts {
     pub socket: UdpSocket,
     /// The server's certificate.
     pub identity: Identity,
-    /// What the sessions take as given.
-    pub sessions: SessionConfig,
-    /// The bridge to the real-time thread.
-    pub link: StreamEnd<Setpoint, Report>,
-    /// The hand of a simulated device, where a person pulls it.
-    pub pointer: Option<PointerInput>,
-    /// Rung by it after every tick.
-    pub doorbell: OwnedFd,
-    /// Where to count.
-    pub metrics: StreamMetrics,
-    /// Where the round trips of its pings are gathered.
-    pub round_trips: RoundTrips,
+    /// What is served; at least one.
+    pub devices: Vec<StreamDevice>,
     /// Run first by the new thread: to raise its priority.
     pub on_start: Box<dyn Fn() + Send>,
 }
@@ -136,51 +121,17 @@ fn server_config(identity: &Identity) -> Result<ServerConfig, StreamError> {
     Ok(config)
 }
 
-/// A connected client.
-struct Peer {
-    connection: Connection,
-    messages: mpsc::Sender<Vec<u8>>,
-}
-
-impl Peer {
-    /// Never waits. False where a datagram is lost: this one with its connection, or for want
-    /// of room the oldest that waits, which was counted as sent in its turn.
-    fn send(&self, bytes: Vec<u8>) -> bool {
-        let room = self.connection.datagram_send_buffer_space() >= bytes.len();
-        self.connection.send_datagram(bytes.into()).is_ok() && room
-    }
-}
-
-fn pointed(target: &HandTarget) -> PointerTarget {
-    let HandTarget { position_W_m, held, buttons, .. } = *target;
-    PointerTarget { p_WT_m: position_W_m, holds: held, buttons }
-}
-
-/// What the tasks share, one at a time.
-struct Hub {
-    sessions: Sessions,
-    link: StreamEnd<Setpoint, Report>,
-    pointer: Option<PointerInput>,
-    peers: HashMap<SessionId, Peer>,
-    metrics: StreamMetrics,
-    round_trips: RoundTrips,
-}
-
 type Shared = Rc<RefCell<Hub>>;
 
 async fn serve(parts: StreamParts, config: ServerConfig, stopped: oneshot::Receiver<()>) {
-    let hub = Rc::new(RefCell::new(Hub {
-        sessions: Sessions::new(parts.sessions),
-        link: parts.link,
-        pointer: parts.pointer,
-        peers: HashMap::new(),
-        metrics: parts.metrics,
-        round_trips: parts.round_trips,
-    }));
+    let (hub, doorbells) = Hub::new(parts.devices);
+    let hub = Rc::new(RefCell::new(hub));
     let runtime = Arc::new(quinn::TokioRuntime);
     match Endpoint::new(EndpointConfig::default(), Some(config), parts.socket, runtime) {
         Ok(endpoint) => {
-            tokio::task::spawn_local(hear_doorbell(Rc::clone(&hub), parts.doorbell));
+            for (device, doorbell) in doorbells.into_iter().enumerate() {
+                tokio::task::spawn_local(hear_doorbell(Rc::clone(&hub), device, doorbell));
+            }
             tokio::task::spawn_local(keep_time(Rc::clone(&hub)));
             tokio::task::spawn_local(tell_refusals(Rc::clone(&hub)));
             tokio::select! {
@@ -314,8 +265,8 @@ async fn drained(outgoing: &mut mpsc::Receiver<Vec<u8>>) {
     while outgoing.recv().await.is_some() {}
 }
 
-/// Every tick of the device becomes State for those who want it.
-async fn hear_doorbell(hub: Shared, doorbell: OwnedFd) {
+/// Every tick of a device becomes State for those who want it.
+async fn hear_doorbell(hub: Shared, device: usize, doorbell: OwnedFd) {
     // SAFETY: the OwnedFd is moved in, so the same open descriptor lives as long as the
     // AsyncFd and nobody else can close or replace it.
     #[allow(unsafe_code)]
@@ -330,7 +281,7 @@ async fn hear_doorbell(hub: Shared, doorbell: OwnedFd) {
         let _ = rustix::io::read(doorbell.get_ref(), &mut count);
         ready.clear_ready();
         let mut hub = hub.borrow_mut();
-        hub.hear_reports();
+        hub.hear_reports(device);
         hub.act();
     }
 }
@@ -362,73 +313,6 @@ async fn tell_refusals(hub: Shared) {
             if told.get(&session.id) != Some(&refusal) {
                 tracing::warn!(session = %session.id, client = session.client_name, refusal, "commands are refused");
                 told.insert(session.id, refusal);
-            }
-        }
-    }
-}
-
-impl Hub {
-    /// Of several reports that waited only the newest becomes State.
-    fn hear_reports(&mut self) {
-        let mut newest = self.link.reports.pop().ok();
-        while let Some(report) = newest {
-            newest = self.link.reports.pop().ok();
-            match newest {
-                Some(_) => self.sessions.on_late_report(&report),
-                None => self.sessions.on_report(&report, now_ns()),
-            }
-        }
-    }
-
-    /// Does what the sessions want done.
-    fn act(&mut self) {
-        while let Some(output) = self.sessions.poll_output() {
-            match output {
-                Output::Setpoint(setpoint) => self.link.setpoint.write(*setpoint),
-                Output::Datagram { to, transport, bytes } => {
-                    let sent = self.peers.get(&to).is_some_and(|peer| peer.send(bytes));
-                    let outcome = if sent { Outcome::Sent } else { Outcome::Dropped };
-                    self.sessions.on_sent(transport, outcome);
-                }
-                Output::Message { to, message } => self.say(to, &message),
-                Output::Close { to, reason, detail } => {
-                    tracing::info!(session = %to, reason = reason.as_str_name(), detail, "session ended");
-                    // Its writer sends what is queued, then closes the connection.
-                    self.peers.remove(&to);
-                }
-                Output::Rtt { transport, rtt_ns } => {
-                    self.metrics.rtt(transport, rtt_ns);
-                    self.round_trips.record(rtt_ns);
-                }
-                Output::OneWay { direction, delay_ns, .. } => {
-                    self.metrics.one_way(direction, delay_ns);
-                }
-                Output::Hand(target) => {
-                    // A device without one is never said to have a hand to pull.
-                    if let Some(pointer) = &mut self.pointer {
-                        pointer.write(pointed(&target));
-                    }
-                }
-            }
-        }
-    }
-
-    fn say(&mut self, to: SessionId, message: &StreamMessage) {
-        let Some(peer) = self.peers.get(&to) else { return };
-        if peer.messages.try_send(encode_frame(message)).is_err() {
-            peer.connection.close(VarInt::from_u32(2), b"you do not read");
-        }
-    }
-
-    fn publish(&mut self) {
-        self.metrics.publish(self.sessions.counters());
-        for role in Role::ALL {
-            let open = self.sessions.list(now_ns()).filter(|session| session.role == role).count();
-            self.metrics.sessions(role, Transport::Quic, open);
-            for quality in Quality::ALL {
-                let sessions = self.sessions.list(now_ns());
-                let alike = sessions.filter(|s| (s.role, s.quality) == (role, quality)).count();
-                self.metrics.qualities(role, quality, alike);
             }
         }
     }

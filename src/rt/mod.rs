@@ -14,6 +14,6 @@ mod wakeups;
 
 pub use cycle::{Cycle, DeviceLink};
 pub use guard::no_alloc;
-pub use rights::{Right, Rights, RightsError, fifo};
+pub use rights::{Processor, Right, Rights, RightsError, fifo};
 pub use thread::{Realtime, RtConfig, RtError, RtHandle, spawn};
 pub use wakeups::{Wakeups, measure_wakeups};

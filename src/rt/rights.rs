@@ -58,9 +58,19 @@ pub struct Rights {
     _cpu_latency: Option<File>,
 }
 
+/// On which processor a loop runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Processor {
+    /// This one.
+    Number(usize),
+    /// Counted back from the last allowed one, and round again: loops side by side get one
+    /// each, as far as there are enough.
+    FromLast(usize),
+}
+
 impl Rights {
-    /// Asks for everything, for the calling thread. `cpu`: `None` takes the last allowed one.
-    pub fn claim(priority: u8, cpu: Option<usize>) -> Self {
+    /// Asks for everything, for the calling thread.
+    pub fn claim(priority: u8, cpu: Processor) -> Self {
         let mut denied = Vec::new();
         let mut note = |right: Right, result: Result<(), String>| {
             if let Err(why) = result {
@@ -93,10 +103,17 @@ pub fn fifo(priority: u8) -> Result<(), String> {
         })
 }
 
-fn pin(cpu: Option<usize>) -> Result<(), String> {
-    let allowed = sched_getaffinity(None).map_err(|error| error.to_string())?;
-    let last = (0..CpuSet::MAX_CPU).rev().find(|&cpu| allowed.is_set(cpu));
-    let cpu = cpu.or(last).ok_or("no processor allowed")?;
+fn pin(cpu: Processor) -> Result<(), String> {
+    let cpu = match cpu {
+        Processor::Number(cpu) => cpu,
+        Processor::FromLast(place) => {
+            let allowed = sched_getaffinity(None).map_err(|error| error.to_string())?;
+            let mut allowed: Vec<_> =
+                (0..CpuSet::MAX_CPU).filter(|&cpu| allowed.is_set(cpu)).collect();
+            allowed.reverse();
+            *allowed.get(place % allowed.len().max(1)).ok_or("no processor allowed")?
+        }
+    };
     if cpu >= CpuSet::MAX_CPU {
         return Err(format!("processor {cpu} is not in 0 to {}", CpuSet::MAX_CPU - 1));
     }
@@ -143,7 +160,8 @@ mod tests {
 
     #[test]
     fn an_impossible_processor_is_denied_by_name() {
-        let why = std::thread::spawn(|| pin(Some(1 << 20))).join().unwrap().unwrap_err();
+        let why =
+            std::thread::spawn(|| pin(Processor::Number(1 << 20))).join().unwrap().unwrap_err();
         assert!(why.contains("1048576"), "{why}");
     }
 

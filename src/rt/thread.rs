@@ -7,7 +7,7 @@ use std::sync::mpsc;
 use std::thread::JoinHandle;
 
 use super::run::run;
-use super::{Cycle, Right, Rights, RightsError};
+use super::{Cycle, Processor, Right, Rights, RightsError};
 use crate::device::Device;
 
 /// What to do when a right is denied.
@@ -27,13 +27,13 @@ pub struct RtConfig {
     pub realtime: Realtime,
     /// SCHED_FIFO priority; 80 leaves room for the kernel's own threads.
     pub priority: u8,
-    /// Processor to run on; `None`: the last allowed one.
-    pub cpu: Option<usize>,
+    /// Processor to run on.
+    pub cpu: Processor,
 }
 
 impl Default for RtConfig {
     fn default() -> Self {
-        Self { realtime: Realtime::BestEffort, priority: 80, cpu: None }
+        Self { realtime: Realtime::BestEffort, priority: 80, cpu: Processor::FromLast(0) }
     }
 }
 

@@ -62,6 +62,8 @@ impl fmt::Display for SessionId {
 pub struct SessionConfig {
     /// NAME of `devices/NAME`.
     pub device: String,
+    /// The same of every device of the server, for a client that names none of them.
+    pub devices: Vec<String>,
     /// Time between ticks.
     pub tick_ns: u64,
     /// Freedoms the device actuates.
@@ -89,8 +91,10 @@ pub struct SessionConfig {
 impl SessionConfig {
     /// A device with the usual bounds, UTC and gRPC unknown.
     pub fn new(device: impl Into<String>, tick_ns: u64, freedoms: u32, actuators: u32) -> Self {
+        let device = device.into();
         Self {
-            device: device.into(),
+            devices: vec![device.clone()],
+            device,
             tick_ns,
             freedoms,
             actuators,

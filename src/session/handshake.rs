@@ -51,10 +51,13 @@ pub(super) fn agree(hello: &Hello, config: &SessionConfig) -> Result<Terms, Refu
         let error = FieldError::new("versions", offered, format!("must contain {PROTOCOL}"));
         return Err(refusal(ByeReason::Version, &error));
     }
-    if !hello.device.is_empty() && hello.device != config.device_name() {
-        let allowed = format!("must be {} or empty", config.device_name());
-        let error = FieldError::new("device", shown(&hello.device), allowed);
-        return Err(refusal(ByeReason::UnknownDevice, &error));
+    let several = config.devices.len() > 1;
+    if hello.device != config.device_name() && (several || !hello.device.is_empty()) {
+        let names: Vec<_> = config.devices.iter().map(|name| format!("devices/{name}")).collect();
+        let empty = if several { "" } else { " or empty" };
+        let allowed = format!("must be {}{empty}", names.join(" or "));
+        let value = if hello.device.is_empty() { "(none)".into() } else { shown(&hello.device) };
+        return Err(refusal(ByeReason::UnknownDevice, &FieldError::new("device", value, allowed)));
     }
     check_datagram(hello, config)?;
     let role = role(hello, config)?;

@@ -45,6 +45,7 @@ mod ping;
 mod quality;
 mod soft;
 mod state;
+mod switchboard;
 #[cfg(test)]
 mod tests;
 mod workspace;
@@ -74,6 +75,7 @@ pub use offset::{Clock, Direction};
 pub use output::Output;
 pub use peer::SessionInfo;
 pub use quality::Quality;
+pub use switchboard::Switchboard;
 
 /// There is no room for one more session; nothing was opened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -154,6 +156,27 @@ impl Sessions {
         let id = SessionId(self.last_id);
         self.peers.insert(id, Peer::new(transport, now_ns));
         Ok(id)
+    }
+
+    /// Connections, welcomed or not yet.
+    fn connections(&self) -> usize {
+        self.peers.len()
+    }
+
+    /// Whether this is the resource name of the device.
+    fn is_called(&self, name: &str) -> bool {
+        self.config.device_name() == name
+    }
+
+    /// Forgets a connection that was not welcomed yet, for another device to take in.
+    fn let_go(&mut self, id: SessionId) -> Option<Peer> {
+        let newcomer = self.peers.get(&id).is_some_and(|peer| peer.open.is_none());
+        if newcomer { self.peers.remove(&id) } else { None }
+    }
+
+    /// Takes in a newcomer that another device let go.
+    fn take_in(&mut self, id: SessionId, newcomer: Peer) {
+        self.peers.insert(id, newcomer);
     }
 
     /// Its connection is gone. What it commanded last holds for its time-to-live.

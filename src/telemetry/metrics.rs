@@ -129,8 +129,7 @@ impl DeviceMetrics {
     }
 }
 
-/// The metrics of one session core: the totals that it counts and what it measures. Several
-/// cores may publish side by side; what they count adds up.
+/// The metrics of one device's sessions: the totals that they count and what they measure.
 #[derive(Debug)]
 pub struct StreamMetrics {
     datagrams: Vec<(Counter, u64)>,
@@ -142,16 +141,18 @@ pub struct StreamMetrics {
 }
 
 impl StreamMetrics {
-    pub(super) fn new(telemetry: &Telemetry) -> Self {
-        let counters = |row| telemetry.counters(row, None).into_iter().map(|counter| (counter, 0));
-        let gauges = |row| telemetry.gauges(row, None).into_iter().map(|gauge| (gauge, 0));
+    pub(super) fn new(telemetry: &Telemetry, device: &str) -> Self {
+        let device = Some(device);
+        let counters =
+            |row| telemetry.counters(row, device).into_iter().map(|counter| (counter, 0));
+        let gauges = |row| telemetry.gauges(row, device).into_iter().map(|gauge| (gauge, 0));
         Self {
             datagrams: counters(&table::DATAGRAMS).collect(),
             stale: counters(&table::STALE).collect(),
             sessions: gauges(&table::SESSIONS).collect(),
             qualities: gauges(&table::SESSION_QUALITY).collect(),
-            rtt: telemetry.histograms(&table::SESSION_RTT, None),
-            one_way: telemetry.histograms(&table::ONE_WAY_DELAY, None),
+            rtt: telemetry.histograms(&table::SESSION_RTT, device),
+            one_way: telemetry.histograms(&table::ONE_WAY_DELAY, device),
         }
     }
 
@@ -336,15 +337,21 @@ mod tests {
     }
 
     #[test]
-    fn sessions_of_several_cores_add_up() {
+    fn sessions_of_several_devices_are_told_apart() {
         let telemetry = Telemetry::new().unwrap();
-        let (mut one, mut two) = (telemetry.stream(), telemetry.stream());
+        let (mut one, mut two) = (telemetry.stream("one"), telemetry.stream("two"));
         for (i, role) in Role::ALL.into_iter().enumerate() {
             one.sessions(role, Transport::Quic, 3);
             one.sessions(role, Transport::Quic, 2);
             two.sessions(role, Transport::Quic, i);
-            let series = format!("hapticd_sessions{{role=\"{}\",transport=\"quic\"}}", role.name());
-            assert_eq!(sample(&telemetry, &series), 2.0 + i as f64);
+            let series = |device| {
+                let role = role.name();
+                format!(
+                    "hapticd_sessions{{device=\"{device}\",role=\"{role}\",transport=\"quic\"}}"
+                )
+            };
+            assert_eq!(sample(&telemetry, &series("one")), 2.0);
+            assert_eq!(sample(&telemetry, &series("two")), i as f64);
         }
         one.publish(&Counters::default());
     }

@@ -49,9 +49,10 @@ impl Telemetry {
         DeviceMetrics::new(self, name)
     }
 
-    /// The metrics of the stream thread.
-    pub fn stream(&self) -> StreamMetrics {
-        StreamMetrics::new(self)
+    /// The metrics of a device's sessions.
+    pub fn stream(&self, name: &str) -> StreamMetrics {
+        self.begin(Scope::Device, Some(name));
+        StreamMetrics::new(self, name)
     }
 
     /// What a scrape asks.
@@ -248,14 +249,14 @@ mod tests {
     #[test]
     fn upkeep_loses_no_sample() {
         let (telemetry, _device) = telemetry();
-        let stream = telemetry.stream();
+        let stream = telemetry.stream("cho-2005");
         stream.rtt(Transport::Quic, 150_000);
         telemetry.scrape().upkeep();
         stream.rtt(Transport::Quic, 150_000);
         let samples = parse(&telemetry.scrape().render());
         let of = |end: &str| samples[&format!("hapticd_session_rtt_seconds_{end}")];
-        assert_eq!(of("count{transport=\"quic\"}"), 2.0);
-        assert_eq!(of("bucket{transport=\"quic\",le=\"0.0001\"}"), 0.0);
-        assert_eq!(of("bucket{transport=\"quic\",le=\"0.0002\"}"), 2.0);
+        assert_eq!(of("count{device=\"cho-2005\",transport=\"quic\"}"), 2.0);
+        assert_eq!(of("bucket{device=\"cho-2005\",transport=\"quic\",le=\"0.0001\"}"), 0.0);
+        assert_eq!(of("bucket{device=\"cho-2005\",transport=\"quic\",le=\"0.0002\"}"), 2.0);
     }
 }

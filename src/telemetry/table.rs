@@ -197,25 +197,25 @@ rows! {
         ["limit": || each(Limit::ALL.map(Limit::name))],
         "Ticks in which a limit changed what was rendered.";
 
-    SESSIONS: Server Gauge, "sessions" [
+    SESSIONS: Device Gauge, "sessions" [
         "role": || each(Role::ALL.map(Role::name)),
         "transport": || each(Transport::ALL.map(Transport::name))],
         "Sessions open now.";
-    DATAGRAMS: Server Counter, "datagrams_total" [
+    DATAGRAMS: Device Counter, "datagrams_total" [
         "transport": || each(Transport::ALL.map(Transport::name)),
         "direction" "outcome": outcomes],
         "Datagrams of the stream and what became of them.";
-    SESSION_RTT: Server Histogram(ROUND_TRIP_S), "session_rtt_seconds"
+    SESSION_RTT: Device Histogram(ROUND_TRIP_S), "session_rtt_seconds"
         ["transport": || each(Transport::ALL.map(Transport::name))],
         "Round trips of the server's pings.";
-    ONE_WAY_DELAY: Server Histogram(ROUND_TRIP_S), "one_way_delay_seconds"
+    ONE_WAY_DELAY: Device Histogram(ROUND_TRIP_S), "one_way_delay_seconds"
         ["direction": || each(Direction::ALL.map(Direction::name))],
         "Halves of those round trips, estimated; off by at most half the least round trip.";
-    SESSION_QUALITY: Server Gauge, "session_quality" [
+    SESSION_QUALITY: Device Gauge, "session_quality" [
         "role": || each(Role::ALL.map(Role::name)),
         "quality": || each(Quality::ALL.map(Quality::name))],
         "Sessions open now by how good their path is.";
-    STALE: Server Counter, "stale_total"
+    STALE: Device Counter, "stale_total"
         ["reason": || each(StaleReason::ALL.map(StaleReason::name))],
         "Commands whose force was taken away.";
 }

@@ -234,7 +234,7 @@ fn a_scene_in_a_process_of_its_own_commands_and_says_goodbye() {
     let metrics = rig.scrape();
     let applied = metrics.value("hapticd_command_lag_ticks_count{device=\"cho-2005\"}");
     assert!(applied > 0.0 && applied <= sent, "{applied} of {sent}");
-    assert_eq!(metrics.value("hapticd_stale_total{reason=\"released\"}"), 1.0);
+    assert_eq!(metrics.value("hapticd_stale_total{device=\"cho-2005\",reason=\"released\"}"), 1.0);
     let nobody = run(&["scene", "wall", "--connect", "127.0.0.1:1", "--seconds", "1"]);
     nobody.refused(&["127.0.0.1:1"]);
 }

@@ -4,6 +4,7 @@
 
 #[cfg(feature = "net")]
 mod commands;
+mod devices;
 #[cfg(feature = "net")]
 mod hostile;
 #[cfg(feature = "net")]

@@ -53,7 +53,7 @@ fn the_first_scrape_holds_every_row_of_the_table() {
     assert!(strangers.is_empty(), "not in the table: {strangers:?}");
     assert!(
         metrics.value(
-            "hapticd_datagrams_total{transport=\"quic\",direction=\"in\",outcome=\"accepted\"}"
+            "hapticd_datagrams_total{device=\"cho-2005\",transport=\"quic\",direction=\"in\",outcome=\"accepted\"}"
         ) == 0.0
     );
 }
@@ -78,7 +78,8 @@ fn commands_sessions_and_round_trips_show() {
         let mut client = rig.client("metrics", Role::Controller).await;
         let wall = [wall_at(0.3)];
         command_until(&mut client, &wall, |state| state.command_seq >= 200).await;
-        let sessions = "hapticd_sessions{role=\"controller\",transport=\"quic\"}";
+        let sessions =
+            "hapticd_sessions{device=\"cho-2005\",role=\"controller\",transport=\"quic\"}";
         assert_eq!(rig.scrape().value(sessions), 1.0);
         client.close().await;
         wait_until("the session's end", || rig.scrape().value(sessions) == 0.0);
@@ -90,11 +91,14 @@ fn commands_sessions_and_round_trips_show() {
     assert_eq!(applied, metrics.value(&count("command_lag_ticks")));
     // Pongs are accepted too; nothing else was sent.
     assert!(metrics.datagrams("accepted") >= applied, "{applied} applied");
-    assert!(metrics.value("hapticd_session_rtt_seconds_count{transport=\"quic\"}") >= 1.0);
+    assert!(
+        metrics.value("hapticd_session_rtt_seconds_count{device=\"cho-2005\",transport=\"quic\"}")
+            >= 1.0
+    );
     for outcome in ["malformed", "oversize", "not_allowed", "invalid"] {
         assert_eq!(metrics.datagrams(outcome), 0.0, "{outcome}");
     }
-    let released = metrics.value("hapticd_stale_total{reason=\"released\"}");
+    let released = metrics.value("hapticd_stale_total{device=\"cho-2005\",reason=\"released\"}");
     assert_eq!(released, 1.0, "it said goodbye while it commanded");
 }
 

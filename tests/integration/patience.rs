@@ -286,7 +286,8 @@ fn a_scene_ends_while_it_connects_and_says_why_when_it_is_sent_away() {
     let mut scene = hapticd();
     scene.args(["scene", "wall", "--connect", &rig.target().to_string()]).stderr(Stdio::piped());
     let mut scene = Ends(scene.spawn().unwrap());
-    let controllers = "hapticd_sessions{role=\"controller\",transport=\"quic\"}";
+    let controllers =
+        "hapticd_sessions{device=\"cho-2005\",role=\"controller\",transport=\"quic\"}";
     wait_until("its session", || rig.scrape().value(controllers) == 1.0);
     send(&scene.0, Signal::STOP);
     wait_until("its end by silence", || rig.scrape().value(controllers) == 0.0);
@@ -323,7 +324,7 @@ fn what_listens_everywhere_prints_where_it_is_reached() {
     };
     rig.run(client).unwrap();
     wait_until("its end", || {
-        let sessions = "hapticd_sessions{role=\"observer\",transport=\"quic\"}";
+        let sessions = "hapticd_sessions{device=\"cho-2005\",role=\"observer\",transport=\"quic\"}";
         rig.scrape().value(sessions) == 0.0
     });
 }

@@ -158,7 +158,7 @@ fn a_fault_latches_until_it_is_cleared_and_comes_back_with_its_cause() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("coarse.toml");
     std::fs::write(&file, coarse).unwrap();
-    let rig = Rig::with(|config| config.device = file.display().to_string());
+    let rig = Rig::with(|config| config.devices[0].source = file.display().to_string());
     rig.run(async {
         let mut devices = rig.services().await.devices;
         let name = || "devices/coarse".to_owned();

@@ -199,7 +199,7 @@ fn a_controller_that_vanishes_keeps_its_force_for_its_time_to_live_and_its_ramp(
     scene.wait().unwrap();
     judge_fade(&seen);
     wait_until("the count of it", || {
-        rig.scrape().value("hapticd_stale_total{reason=\"ttl\"}") == 1.0
+        rig.scrape().value("hapticd_stale_total{device=\"cho-2005\",reason=\"ttl\"}") == 1.0
     });
     // Its session ends by silence, and the lease is free again.
     rig.run(async {

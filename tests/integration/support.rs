@@ -127,7 +127,7 @@ impl Rig {
     }
 
     /// Ends the daemon while the runtime lives on.
-    pub fn stop(self) -> (Runtime, TempDir) {
+    pub fn stop(mut self) -> (Runtime, TempDir) {
         self.daemon.stop();
         (self.runtime, self.state)
     }
@@ -145,7 +145,9 @@ impl Metrics {
 
     /// Datagrams received with one outcome.
     pub fn datagrams(&self, outcome: &str) -> f64 {
-        let labels = format!("{{transport=\"quic\",direction=\"in\",outcome=\"{outcome}\"}}");
+        let labels = format!(
+            "{{device=\"cho-2005\",transport=\"quic\",direction=\"in\",outcome=\"{outcome}\"}}"
+        );
         self.value(&format!("hapticd_datagrams_total{labels}"))
     }
 }

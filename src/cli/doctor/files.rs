@@ -6,19 +6,25 @@ use std::path::Path;
 use rustix::fs::{Access, access};
 
 use super::Finding;
-use crate::config::{DeviceDefinition, ServerConfig, StateDir, StateError, default_state_dir};
+use crate::config::{
+    DeviceDefinition, ServerConfig, StateDir, StateError, default_state_dir, load_devices,
+};
 
 /// Device, state directory and ports.
 pub fn findings(config: &ServerConfig) -> Vec<Finding> {
     let mut findings = Vec::new();
-    let device = DeviceDefinition::load(&config.device);
-    findings.push(match &device {
-        Ok(device) => Finding::ok("device", format!("{}: {}", device.name, device.description)),
-        Err(error) => Finding::fail("device", error.to_string(), "correct the device file"),
-    });
+    let devices = load_devices(&config.devices);
+    match &devices {
+        Ok(devices) => findings.extend(devices.iter().map(|device| {
+            Finding::ok("device", format!("{}: {}", device.name, device.description))
+        })),
+        Err(error) => {
+            findings.push(Finding::fail("device", error.to_string(), "correct the device file"));
+        }
+    }
     let default = || default_state_dir(|name| std::env::var_os(name));
     findings.push(match config.state_dir.clone().or_else(default) {
-        Some(path) => state(&path, device.ok().as_ref()),
+        Some(path) => state(&path, devices.as_deref().unwrap_or_default()),
         None => {
             let advice = "set state_dir, --state-dir, XDG_STATE_HOME or HOME";
             Finding::fail("state", "no place for it", advice)
@@ -28,7 +34,7 @@ pub fn findings(config: &ServerConfig) -> Vec<Finding> {
     findings
 }
 
-fn state(path: &Path, device: Option<&DeviceDefinition>) -> Finding {
+fn state(path: &Path, devices: &[DeviceDefinition]) -> Finding {
     let shown = path.display();
     if !path.exists() {
         let above = path.ancestors().find(|above| above.exists()).unwrap_or(Path::new("/"));
@@ -40,13 +46,12 @@ fn state(path: &Path, device: Option<&DeviceDefinition>) -> Finding {
             }
         };
     }
-    let scene = StateDir::open(path.to_owned()).and_then(|state| match device {
-        Some(device) => state.scene(&device.name).map(|(_, scene)| Some(scene.items().len())),
-        None => Ok(None),
+    let objects = StateDir::open(path.to_owned()).and_then(|state| {
+        let count = |device: &DeviceDefinition| Ok(state.scene(&device.name)?.1.items().len());
+        devices.iter().map(count).sum::<Result<usize, StateError>>()
     });
-    match scene {
-        Ok(Some(objects)) => Finding::ok("state", format!("{shown}, a scene of {objects} objects")),
-        Ok(None) => Finding::ok("state", format!("{shown}")),
+    match objects {
+        Ok(objects) => Finding::ok("state", format!("{shown}, {objects} objects in its scenes")),
         Err(StateError::InUse { .. }) => {
             Finding::ok("state", format!("{shown}, in use by a server that runs"))
         }
@@ -79,6 +84,7 @@ fn ports(config: &ServerConfig) -> Finding {
 mod tests {
     use super::super::Verdict;
     use super::*;
+    use crate::config::ServedDevice;
 
     #[test]
     fn a_scene_that_cannot_be_read_and_a_port_in_use_are_found() {
@@ -107,7 +113,10 @@ mod tests {
 
     #[test]
     fn a_device_that_does_not_exist_fails() {
-        let config = ServerConfig { device: "omega".into(), ..ServerConfig::default() };
+        let config = ServerConfig {
+            devices: vec![ServedDevice { source: "omega".into(), ..ServedDevice::default() }],
+            ..ServerConfig::default()
+        };
         assert_eq!(findings(&config)[0].verdict, Verdict::Fail);
     }
 }

@@ -8,7 +8,8 @@ use tokio::time::{Instant, MissedTickBehavior, interval, sleep};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status};
 
-use super::{Lane, convert, field_status, names};
+use super::desk::{Desk, Desks};
+use super::{convert, field_status, names};
 use crate::actuation::ActuatorKind;
 use crate::config::Id;
 use crate::control::{ModeCommand, Report};
@@ -41,18 +42,20 @@ const PAUSE: Duration = Duration::from_millis(1);
 
 /// The service.
 pub struct Devices {
-    host: Arc<DeviceHost>,
-    modes: Lane,
-    stops: Lane,
+    desks: Desks,
     watches: Arc<Semaphore>,
     stopped: watch::Receiver<bool>,
 }
 
 impl Devices {
-    /// Of one device; watches end when `stopped` is true or its sender gone.
-    pub fn new(host: Arc<DeviceHost>, stopped: watch::Receiver<bool>) -> Self {
+    /// Of these devices; watches end when `stopped` is true or its sender gone.
+    pub fn new(desks: Desks, stopped: watch::Receiver<bool>) -> Self {
         let watches = Arc::new(Semaphore::new(MAX_WATCHES));
-        Self { host, modes: Lane::default(), stops: Lane::default(), watches, stopped }
+        Self { desks, watches, stopped }
+    }
+
+    fn find(&self, name: &str) -> Result<&Desk, Status> {
+        names::find_device(&self.desks, "name", name)
     }
 
     async fn change(
@@ -60,12 +63,12 @@ impl Devices {
         name: &str,
         command: ModeCommand,
     ) -> Result<Response<DeviceMode>, Status> {
-        names::expect_device(&self.host, "name", name)?;
-        let host = Arc::clone(&self.host);
-        let lane = if command == ModeCommand::Stop { &self.stops } else { &self.modes };
-        let mode = lane.run(move || host.change_mode(command)).await?;
-        tracing::info!(?command, ?mode, "mode");
-        let name = names::device(&self.host);
+        let Desk { host, modes, stops, .. } = self.find(name)?;
+        let lane = if command == ModeCommand::Stop { stops } else { modes };
+        let changed = Arc::clone(host);
+        let mode = lane.run(move || changed.change_mode(command)).await?;
+        let name = names::device(host);
+        tracing::info!(name, ?command, ?mode, "mode");
         Ok(Response::new(DeviceMode { name, mode: proto::Mode::from(mode).into() }))
     }
 }
@@ -89,29 +92,31 @@ impl DeviceService for Devices {
         &self,
         _: Request<ListDevicesRequest>,
     ) -> Result<Response<ListDevicesResponse>, Status> {
-        let device = Device {
-            name: names::device(&self.host),
-            mechanism: self.host.definition().mechanism.name().to_owned(),
-            simulated: true,
-            mode: proto::Mode::from(report(&self.host).await.mode).into(),
-        };
-        Ok(Response::new(ListDevicesResponse { devices: vec![device] }))
+        let mut devices = Vec::new();
+        for Desk { host, .. } in self.desks.iter() {
+            devices.push(Device {
+                name: names::device(host),
+                mechanism: host.definition().mechanism.name().to_owned(),
+                simulated: true,
+                mode: proto::Mode::from(report(host).await.mode).into(),
+            });
+        }
+        Ok(Response::new(ListDevicesResponse { devices }))
     }
 
     async fn get_description(
         &self,
         request: Request<GetDescriptionRequest>,
     ) -> Result<Response<DeviceDescription>, Status> {
-        names::expect_device(&self.host, "name", &request.get_ref().name)?;
-        Ok(Response::new(describe(&self.host)))
+        Ok(Response::new(describe(&self.find(&request.get_ref().name)?.host)))
     }
 
     async fn get_state(
         &self,
         request: Request<GetStateRequest>,
     ) -> Result<Response<DeviceState>, Status> {
-        names::expect_device(&self.host, "name", &request.get_ref().name)?;
-        Ok(Response::new(convert::state_to_proto(&self.host, &report(&self.host).await)))
+        let Desk { host, .. } = self.find(&request.get_ref().name)?;
+        Ok(Response::new(convert::state_to_proto(host, &report(host).await)))
     }
 
     type WatchStateStream = ReceiverStream<Result<DeviceState, Status>>;
@@ -121,7 +126,7 @@ impl DeviceService for Devices {
         request: Request<WatchStateRequest>,
     ) -> Result<Response<Self::WatchStateStream>, Status> {
         let WatchStateRequest { name, interval_ms } = request.into_inner();
-        names::expect_device(&self.host, "name", &name)?;
+        let Desk { host, .. } = self.find(&name)?;
         if interval_ms > MAX_INTERVAL_MS {
             let allowed =
                 format!("must be 1 to {MAX_INTERVAL_MS} ms, or 0 for {DEFAULT_INTERVAL_MS}");
@@ -133,7 +138,7 @@ impl DeviceService for Devices {
             return Err(Status::resource_exhausted(full));
         };
         let (states, watched) = mpsc::channel(WAITING_STATES);
-        let (host, mut stopped) = (Arc::clone(&self.host), self.stopped.clone());
+        let (host, mut stopped) = (Arc::clone(host), self.stopped.clone());
         tokio::spawn(async move {
             let _place = place;
             let mut interval = interval(Duration::from_millis(interval_ms.into()));

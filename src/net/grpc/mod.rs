@@ -1,28 +1,25 @@
 //! The services: resource names in, typed statuses out, everything else asked of the host.
-//!
-//! What blocks goes through a [`Lane`]: scene edits, which wait for the disk, through one;
-//! changes of mode through another; and Stop through one of its own, so that nothing that
-//! anybody else has asked for can keep it waiting.
 
 mod convert;
+mod desk;
 mod devices;
 mod names;
 mod scenes;
 
-use std::sync::Arc;
 use std::time::Duration;
 
-use tokio::sync::{Mutex, watch};
+use tokio::sync::watch;
 use tonic::Status;
 use tonic::transport::Server;
 
 use super::Door;
 use crate::config::SceneError;
-use crate::host::{DeviceHost, HostError};
+use crate::host::{HostError, Hosts};
 use crate::proto::DESCRIPTOR_SET;
 use crate::proto::device_service_server::DeviceServiceServer;
 use crate::proto::scene_service_server::SceneServiceServer;
 use crate::units::FieldError;
+use desk::desks;
 use devices::Devices;
 use scenes::Scenes;
 
@@ -37,11 +34,12 @@ const CALLS: u32 = 2048;
 /// or its sender gone, and the calls under way are answered.
 pub async fn serve(
     door: Door,
-    host: Arc<DeviceHost>,
+    hosts: Hosts,
     mut stopped: watch::Receiver<bool>,
 ) -> anyhow::Result<()> {
-    let devices = DeviceServiceServer::new(Devices::new(Arc::clone(&host), stopped.clone()));
-    let scenes = SceneServiceServer::new(Scenes::new(host));
+    let desks = desks(&hosts);
+    let devices = DeviceServiceServer::new(Devices::new(desks.clone(), stopped.clone()));
+    let scenes = SceneServiceServer::new(Scenes::new(desks));
     let (reporter, health) = tonic_health::server::health_reporter();
     reporter.set_serving::<DeviceServiceServer<Devices>>().await;
     reporter.set_serving::<SceneServiceServer<Scenes>>().await;
@@ -65,27 +63,6 @@ pub async fn serve(
         .serve_with_incoming_shutdown(door.visitors(), shutdown)
         .await?;
     Ok(())
-}
-
-/// Work that blocks for milliseconds: one piece after the other, each on a thread where that
-/// is allowed. Whoever waits here holds no thread, and leaves the queue with its client.
-#[derive(Clone, Default)]
-struct Lane(Arc<Mutex<()>>);
-
-impl Lane {
-    async fn run<T: Send + 'static>(
-        &self,
-        work: impl FnOnce() -> Result<T, HostError> + Send + 'static,
-    ) -> Result<T, Status> {
-        let turn = Arc::clone(&self.0).lock_owned().await;
-        let done = tokio::task::spawn_blocking(move || {
-            // Kept to the end, even where the client does not wait for it.
-            let _turn = turn;
-            work()
-        });
-        let done = done.await.map_err(|error| Status::internal(error.to_string()))?;
-        done.map_err(|error| host_status(&error))
-    }
 }
 
 fn host_status(error: &HostError) -> Status {

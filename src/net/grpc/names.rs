@@ -2,6 +2,7 @@
 
 use tonic::Status;
 
+use super::desk::{Desk, Desks};
 use crate::host::DeviceHost;
 
 /// `devices/NAME` of a device.
@@ -19,24 +20,35 @@ pub fn object(host: &DeviceHost, id: &str) -> String {
     format!("{}/objects/{id}", scene(host))
 }
 
-/// Refuses the name of another device.
-pub fn expect_device(host: &DeviceHost, field: &str, name: &str) -> Result<(), Status> {
-    let known = device(host);
-    if name == known { Ok(()) } else { Err(unknown(field, name, &known)) }
+/// The device of this name.
+pub fn find_device<'a>(desks: &'a Desks, field: &str, name: &str) -> Result<&'a Desk, Status> {
+    let found = desks.iter().find(|desk| device(&desk.host) == name);
+    found.ok_or_else(|| unknown(field, name, desks, device))
 }
 
-/// Refuses the name of another scene.
-pub fn expect_scene(host: &DeviceHost, field: &str, name: &str) -> Result<(), Status> {
-    let known = scene(host);
-    if name == known { Ok(()) } else { Err(unknown(field, name, &known)) }
+/// The device whose scene has this name.
+pub fn find_scene<'a>(desks: &'a Desks, field: &str, name: &str) -> Result<&'a Desk, Status> {
+    let found = desks.iter().find(|desk| scene(&desk.host) == name);
+    found.ok_or_else(|| unknown(field, name, desks, scene))
 }
 
-/// The ID in an object's name.
-pub fn object_id<'a>(host: &DeviceHost, field: &str, name: &'a str) -> Result<&'a str, Status> {
-    let prefix = object(host, "");
-    name.strip_prefix(&prefix).ok_or_else(|| unknown(field, name, &format!("{prefix}ID")))
+/// The device in whose scene an object of this name is or is to be, and the object's ID.
+pub fn find_object<'a, 'n>(
+    desks: &'a Desks,
+    field: &str,
+    name: &'n str,
+) -> Result<(&'a Desk, &'n str), Status> {
+    let within = |desk: &'a Desk| Some((desk, name.strip_prefix(&object(&desk.host, ""))?));
+    let found = desks.iter().find_map(within);
+    found.ok_or_else(|| unknown(field, name, desks, |host| object(host, "ID")))
 }
 
-fn unknown(field: &str, name: &str, known: &str) -> Status {
-    Status::not_found(format!("{field} = {name:?}: this server has {known}"))
+fn unknown(
+    field: &str,
+    name: &str,
+    desks: &Desks,
+    known: impl Fn(&DeviceHost) -> String,
+) -> Status {
+    let known: Vec<_> = desks.iter().map(|desk| known(&desk.host)).collect();
+    Status::not_found(format!("{field} = {name:?}: this server has {}", known.join(", ")))
 }

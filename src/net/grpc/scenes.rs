@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use tonic::{Request, Response, Status};
 
-use super::{Lane, convert, field_status, names, scene_status};
+use super::desk::{Desk, Desks};
+use super::{convert, field_status, names, scene_status};
 use crate::config::{Id, Scene as KeptScene, SceneError};
-use crate::host::DeviceHost;
 use crate::proto::scene_service_server::SceneService;
 use crate::proto::{
     CreateObjectRequest, DeleteObjectRequest, DeleteObjectResponse, GetObjectRequest,
@@ -18,15 +18,17 @@ use crate::units::FieldError;
 
 /// The service.
 pub struct Scenes {
-    host: Arc<DeviceHost>,
-    edits: Lane,
+    desks: Desks,
 }
 
 impl Scenes {
-    pub fn new(host: Arc<DeviceHost>) -> Self {
-        Self { host, edits: Lane::default() }
+    /// Of these devices.
+    pub fn new(desks: Desks) -> Self {
+        Self { desks }
     }
+}
 
+impl Desk {
     /// Makes an edit in its turn; returns what it returned and the scene then.
     async fn edit<T: Send + 'static>(
         &self,
@@ -58,17 +60,17 @@ impl SceneService for Scenes {
         &self,
         request: Request<GetSceneRequest>,
     ) -> Result<Response<Scene>, Status> {
-        names::expect_scene(&self.host, "name", &request.get_ref().name)?;
-        let (revision, objects) = self.objects();
-        Ok(Response::new(Scene { name: names::scene(&self.host), revision, objects }))
+        let desk = names::find_scene(&self.desks, "name", &request.get_ref().name)?;
+        let (revision, objects) = desk.objects();
+        Ok(Response::new(Scene { name: names::scene(&desk.host), revision, objects }))
     }
 
     async fn list_objects(
         &self,
         request: Request<ListObjectsRequest>,
     ) -> Result<Response<ListObjectsResponse>, Status> {
-        names::expect_scene(&self.host, "parent", &request.get_ref().parent)?;
-        let (scene_revision, objects) = self.objects();
+        let desk = names::find_scene(&self.desks, "parent", &request.get_ref().parent)?;
+        let (scene_revision, objects) = desk.objects();
         Ok(Response::new(ListObjectsResponse { objects, scene_revision }))
     }
 
@@ -76,8 +78,8 @@ impl SceneService for Scenes {
         &self,
         request: Request<GetObjectRequest>,
     ) -> Result<Response<SceneObject>, Status> {
-        let id = names::object_id(&self.host, "name", &request.get_ref().name)?;
-        self.read(id, &self.host.scene())
+        let (desk, id) = names::find_object(&self.desks, "name", &request.get_ref().name)?;
+        desk.read(id, &desk.host.scene())
     }
 
     async fn create_object(
@@ -86,13 +88,13 @@ impl SceneService for Scenes {
     ) -> Result<Response<SceneObject>, Status> {
         let CreateObjectRequest { parent, object_id, object, scene_revision } =
             request.into_inner();
-        names::expect_scene(&self.host, "parent", &parent)?;
+        let desk = names::find_scene(&self.desks, "parent", &parent)?;
         let object = object.ok_or_else(missing_object)?;
         let id = Id::parse("object_id", &object_id).map_err(|e| field_status(&e))?;
         let object = convert::object_from_proto(id, &object).map_err(|e| field_status(&e))?;
         let expected = NonZeroU64::new(scene_revision);
-        let (_, scene) = self.edit(move |scene| scene.create(object, expected)).await?;
-        self.read(&object_id, &scene)
+        let (_, scene) = desk.edit(move |scene| scene.create(object, expected)).await?;
+        desk.read(&object_id, &scene)
     }
 
     async fn update_object(
@@ -101,16 +103,17 @@ impl SceneService for Scenes {
     ) -> Result<Response<SceneObject>, Status> {
         let UpdateObjectRequest { object, scene_revision } = request.into_inner();
         let object = object.ok_or_else(missing_object)?;
-        let id = names::object_id(&self.host, "object.name", &object.name)?.to_owned();
-        let parsed = Id::parse("object.name", &id).map_err(|error| {
+        let (desk, id) = names::find_object(&self.desks, "object.name", &object.name)?;
+        let parsed = Id::parse("object.name", id).map_err(|error| {
             // The whole name is what was written; the rule is that of its last part.
             let value = format!("{:?}", object.name);
             field_status(&FieldError { value, ..error })
         })?;
         let object = convert::object_from_proto(parsed, &object).map_err(|e| field_status(&e))?;
         let expected = NonZeroU64::new(scene_revision);
-        let (_, scene) = self.edit(move |scene| scene.update(object, expected)).await?;
-        self.read(&id, &scene)
+        let id = id.to_owned();
+        let (_, scene) = desk.edit(move |scene| scene.update(object, expected)).await?;
+        desk.read(&id, &scene)
     }
 
     async fn delete_object(
@@ -118,9 +121,10 @@ impl SceneService for Scenes {
         request: Request<DeleteObjectRequest>,
     ) -> Result<Response<DeleteObjectResponse>, Status> {
         let DeleteObjectRequest { name, scene_revision } = request.into_inner();
-        let id = names::object_id(&self.host, "name", &name)?.to_owned();
+        let (desk, id) = names::find_object(&self.desks, "name", &name)?;
+        let id = id.to_owned();
         let expected = NonZeroU64::new(scene_revision);
-        let (scene_revision, _) = self.edit(move |scene| scene.delete(&id, expected)).await?;
+        let (scene_revision, _) = desk.edit(move |scene| scene.delete(&id, expected)).await?;
         Ok(Response::new(DeleteObjectResponse { scene_revision }))
     }
 }

@@ -8,6 +8,7 @@ mod hostile;
 mod link;
 mod network;
 mod rules;
+mod switchboard;
 mod table;
 mod takeover;
 mod timing;

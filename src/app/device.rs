@@ -1,0 +1,203 @@
+//! One running device: its loop, what telemetry makes of it, and the services' way to it.
+
+use std::os::fd::OwnedFd;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+
+use anyhow::Context;
+use rustix::event::{EventfdFlags, eventfd};
+
+use crate::config::{DeviceDefinition, Scene, SceneFile, ServedDevice, StateDir, build_plan};
+use crate::control::{ControlState, Mode, Record, Setpoint};
+use crate::device::{HandProgram, Pointer, PointerInput, SimulatedDevice};
+use crate::host::DeviceHost;
+use crate::link::bridge;
+use crate::net::StreamDevice;
+use crate::rt::{self, Cycle, Right, RtConfig, RtHandle};
+use crate::session::SessionConfig;
+use crate::telemetry::{
+    self, DeviceMetrics, LatestReport, RoundTrips, RunFigures, RunSummary, Telemetry,
+};
+
+/// Seed of the simulated hand and noise: a run is as repeatable as its timing.
+const SEED: u64 = 1;
+
+/// What a device needs before its loop starts: whatever is wrong with it is said by now.
+pub(super) struct ReadyDevice {
+    pub definition: DeviceDefinition,
+    scene: Scene,
+    scene_file: SceneFile,
+    device: SimulatedDevice,
+    pointer: Option<PointerInput>,
+}
+
+impl ReadyDevice {
+    pub fn new(
+        served: &ServedDevice,
+        definition: DeviceDefinition,
+        state_dir: &StateDir,
+    ) -> anyhow::Result<Self> {
+        let (scene_file, scene) = state_dir.scene(&definition.name)?;
+        let mut device = SimulatedDevice::new(definition.simulation(served.hand), SEED)
+            .with_context(|| format!("device {}", definition.name))?;
+        let pointer = (served.hand == HandProgram::Pointer).then(|| {
+            let (p_WB_m, q_WB) = (definition.mount.p_WB_m, definition.mount.q_WB);
+            let (pointer, input) = Pointer::new(p_WB_m, q_WB, definition.tool.offset_B_m);
+            device.follow(pointer);
+            input
+        });
+        Ok(Self { definition, scene, scene_file, device, pointer })
+    }
+
+    /// Whether a session can pull its handle.
+    pub fn takes_hands(&self) -> bool {
+        self.pointer.is_some()
+    }
+
+    /// The bridges, and the stream's end of them.
+    pub fn connect(
+        self,
+        sessions: SessionConfig,
+        telemetry: &Telemetry,
+    ) -> anyhow::Result<(ConnectedDevice, StreamDevice)> {
+        let Self { definition, scene, scene_file, device, pointer } = self;
+        let name = definition.name.as_str();
+        let (rights, metrics) = (telemetry.device(name), telemetry.device(name));
+        let (rt_end, link, records, supervisor) = bridge(&Setpoint::NONE);
+        let doorbell = eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC)?;
+        let round_trips = RoundTrips::default();
+        let stream = StreamDevice {
+            sessions,
+            link,
+            pointer,
+            doorbell: doorbell.try_clone()?,
+            metrics: telemetry.stream(name),
+            round_trips: round_trips.clone(),
+        };
+        let plan = Box::new(build_plan(&definition, &scene));
+        // A simulated device harms nobody and is enabled at once.
+        let cycle = Cycle::new(device, ControlState::new(Mode::Enabled), plan, rt_end);
+        let feed = Feed::prepare(definition.tick_ns);
+        let latest = feed.latest.clone();
+        let host = Arc::new(DeviceHost::new(definition, supervisor, scene, scene_file, latest));
+        let connected =
+            ConnectedDevice { host, cycle, doorbell, feed, records, metrics, rights, round_trips };
+        Ok((connected, stream))
+    }
+}
+
+/// A device whose loop has everything but a thread.
+pub(super) struct ConnectedDevice {
+    host: Arc<DeviceHost>,
+    cycle: Cycle<SimulatedDevice>,
+    doorbell: OwnedFd,
+    feed: Feed,
+    records: rtrb::Consumer<Record>,
+    metrics: DeviceMetrics,
+    rights: DeviceMetrics,
+    round_trips: RoundTrips,
+}
+
+impl ConnectedDevice {
+    /// Starts telemetry, then the loop.
+    pub fn start(mut self, config: RtConfig) -> anyhow::Result<RunningDevice> {
+        self.feed.start(self.records, self.metrics)?;
+        let rt = rt::spawn(self.cycle, config, self.doorbell)?;
+        tell_rights(&self.host, &rt, &self.rights);
+        Ok(RunningDevice { host: self.host, rt, feed: self.feed, round_trips: self.round_trips })
+    }
+}
+
+/// A device at work.
+#[derive(Debug)]
+pub struct RunningDevice {
+    host: Arc<DeviceHost>,
+    rt: RtHandle,
+    feed: Feed,
+    round_trips: RoundTrips,
+}
+
+impl RunningDevice {
+    /// The device as the services see it.
+    pub fn host(&self) -> &Arc<DeviceHost> {
+        &self.host
+    }
+
+    /// The figures of the run so far.
+    pub fn figures(&self) -> RunFigures {
+        let summary = self.feed.summary.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        summary.figures(&self.round_trips)
+    }
+
+    /// The figures since the start or since this was last called, which then begin anew: a
+    /// measurement can leave out what came before it.
+    pub fn take_figures(&self) -> RunFigures {
+        let summary = self.feed.summary.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let figures = summary.figures(&self.round_trips);
+        self.round_trips.clear();
+        figures
+    }
+
+    /// Lets go of the device; everything that it did is in the figures then.
+    pub(super) fn stop(&mut self) {
+        self.rt.stop();
+        self.feed.stop();
+    }
+}
+
+/// The telemetry thread and what it fills.
+#[derive(Debug)]
+struct Feed {
+    latest: LatestReport,
+    summary: Arc<Mutex<RunSummary>>,
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Feed {
+    fn prepare(tick_ns: u64) -> Self {
+        Self {
+            latest: LatestReport::default(),
+            summary: Arc::new(Mutex::new(RunSummary::new(tick_ns))),
+            stop: Arc::new(AtomicBool::new(false)),
+            thread: None,
+        }
+    }
+
+    fn start(
+        &mut self,
+        records: rtrb::Consumer<Record>,
+        metrics: DeviceMetrics,
+    ) -> anyhow::Result<()> {
+        let (latest, summary) = (self.latest.clone(), Arc::clone(&self.summary));
+        let stop = Arc::clone(&self.stop);
+        self.thread = Some(telemetry::spawn(records, metrics, latest, Some(summary), stop)?);
+        Ok(())
+    }
+
+    /// Ends with everything taken in that was there.
+    fn stop(&mut self) {
+        self.stop.store(true, Ordering::Release);
+        if let Some(thread) = self.thread.take() {
+            // Its panic, if any, has been printed; the figures so far are still good.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Says which real-time rights were denied, in the log and in the metrics.
+fn tell_rights(host: &DeviceHost, rt: &RtHandle, metrics: &DeviceMetrics) {
+    for right in Right::ALL {
+        metrics.realtime_granted(right, !rt.denied().iter().any(|(denied, _)| *denied == right));
+    }
+    for (right, why) in rt.denied() {
+        let device = host.definition().name.as_str();
+        tracing::warn!(
+            device,
+            right = right.name(),
+            why,
+            "real-time right denied, going on without"
+        );
+    }
+}

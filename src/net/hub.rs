@@ -1,0 +1,171 @@
+//! What the tasks of the stream thread share: the sessions, their connections, the bridges.
+//!
+//! One task at a time holds it, and never across a wait. Everything is decided by
+//! [`Switchboard`]; here its outputs are carried out.
+
+use std::collections::HashMap;
+use std::os::fd::OwnedFd;
+
+use quinn::{Connection, VarInt};
+use tokio::sync::mpsc;
+
+use crate::clock::now_ns;
+use crate::control::{Report, Setpoint};
+use crate::device::{PointerInput, PointerTarget};
+use crate::link::StreamEnd;
+use crate::proto::StreamMessage;
+use crate::session::{
+    HandTarget, Outcome, Output, Quality, Role, SessionConfig, SessionId, Switchboard, Transport,
+};
+use crate::telemetry::{RoundTrips, StreamMetrics};
+use crate::wire::encode_frame;
+
+/// What the thread is given of one device.
+pub struct StreamDevice {
+    /// What its sessions take as given.
+    pub sessions: SessionConfig,
+    /// The bridge to the real-time thread.
+    pub link: StreamEnd<Setpoint, Report>,
+    /// The hand of a simulated device, where a person pulls it.
+    pub pointer: Option<PointerInput>,
+    /// Rung by the real-time thread after every tick.
+    pub doorbell: OwnedFd,
+    /// Where to count.
+    pub metrics: StreamMetrics,
+    /// Where the round trips of pings are gathered.
+    pub round_trips: RoundTrips,
+}
+
+/// A connected client.
+pub(super) struct Peer {
+    pub connection: Connection,
+    /// What waits for the reliable stream.
+    pub messages: mpsc::Sender<Vec<u8>>,
+}
+
+impl Peer {
+    /// Never waits. False where a datagram is lost: this one with its connection, or for want
+    /// of room the oldest that waits, which was counted as sent in its turn.
+    fn send(&self, bytes: Vec<u8>) -> bool {
+        let room = self.connection.datagram_send_buffer_space() >= bytes.len();
+        self.connection.send_datagram(bytes.into()).is_ok() && room
+    }
+}
+
+/// The bridges of one device.
+struct Bridges {
+    link: StreamEnd<Setpoint, Report>,
+    pointer: Option<PointerInput>,
+    metrics: StreamMetrics,
+    round_trips: RoundTrips,
+}
+
+/// What the tasks share.
+pub(super) struct Hub {
+    pub sessions: Switchboard,
+    pub peers: HashMap<SessionId, Peer>,
+    /// By the place of the device.
+    bridges: Vec<Bridges>,
+}
+
+impl Hub {
+    /// Nobody is connected yet. Returns the doorbells, too, in the order of the devices.
+    pub fn new(devices: Vec<StreamDevice>) -> (Self, Vec<OwnedFd>) {
+        let (mut configs, mut bridges, mut doorbells) = (Vec::new(), Vec::new(), Vec::new());
+        for device in devices {
+            let StreamDevice { sessions, link, pointer, doorbell, metrics, round_trips } = device;
+            configs.push(sessions);
+            bridges.push(Bridges { link, pointer, metrics, round_trips });
+            doorbells.push(doorbell);
+        }
+        let sessions = Switchboard::new(configs);
+        (Self { sessions, peers: HashMap::new(), bridges }, doorbells)
+    }
+
+    /// Of several reports that waited only the newest becomes State.
+    pub fn hear_reports(&mut self, device: usize) {
+        let (Some(bridges), Some(sessions)) =
+            (self.bridges.get_mut(device), self.sessions.device(device))
+        else {
+            return;
+        };
+        let mut newest = bridges.link.reports.pop().ok();
+        while let Some(report) = newest {
+            newest = bridges.link.reports.pop().ok();
+            match newest {
+                Some(_) => sessions.on_late_report(&report),
+                None => sessions.on_report(&report, now_ns()),
+            }
+        }
+    }
+
+    /// Does what the sessions want done.
+    pub fn act(&mut self) {
+        while let Some((device, output)) = self.sessions.poll_output() {
+            self.carry_out(device, output);
+        }
+    }
+
+    fn carry_out(&mut self, device: usize, output: Output) {
+        let bridges = &mut self.bridges[device];
+        match output {
+            Output::Setpoint(setpoint) => bridges.link.setpoint.write(*setpoint),
+            Output::Datagram { to, transport, bytes } => {
+                let sent = self.peers.get(&to).is_some_and(|peer| peer.send(bytes));
+                let outcome = if sent { Outcome::Sent } else { Outcome::Dropped };
+                if let Some(sessions) = self.sessions.device(device) {
+                    sessions.on_sent(transport, outcome);
+                }
+            }
+            Output::Message { to, message } => self.say(to, &message),
+            Output::Close { to, reason, detail } => {
+                tracing::info!(session = %to, reason = reason.as_str_name(), detail, "session ended");
+                // Its writer sends what is queued, then closes the connection.
+                self.peers.remove(&to);
+            }
+            Output::Rtt { transport, rtt_ns } => {
+                bridges.metrics.rtt(transport, rtt_ns);
+                bridges.round_trips.record(rtt_ns);
+            }
+            Output::OneWay { direction, delay_ns, .. } => {
+                bridges.metrics.one_way(direction, delay_ns);
+            }
+            Output::Hand(target) => {
+                // A device without one is never said to have a hand to pull.
+                if let Some(pointer) = &mut bridges.pointer {
+                    pointer.write(pointed(&target));
+                }
+            }
+        }
+    }
+
+    fn say(&mut self, to: SessionId, message: &StreamMessage) {
+        let Some(peer) = self.peers.get(&to) else { return };
+        if peer.messages.try_send(encode_frame(message)).is_err() {
+            peer.connection.close(VarInt::from_u32(2), b"you do not read");
+        }
+    }
+
+    /// Brings the metrics up to now.
+    pub fn publish(&mut self) {
+        for (device, Bridges { metrics, .. }) in self.bridges.iter_mut().enumerate() {
+            let Some(sessions) = self.sessions.device(device) else { continue };
+            metrics.publish(sessions.counters());
+            for role in Role::ALL {
+                let alike = |quality: Option<Quality>| {
+                    let open = sessions.list(now_ns()).filter(|session| session.role == role);
+                    open.filter(|session| quality.is_none_or(|q| q == session.quality)).count()
+                };
+                metrics.sessions(role, Transport::Quic, alike(None));
+                for quality in Quality::ALL {
+                    metrics.qualities(role, quality, alike(Some(quality)));
+                }
+            }
+        }
+    }
+}
+
+fn pointed(target: &HandTarget) -> PointerTarget {
+    let HandTarget { position_W_m, held, buttons, .. } = *target;
+    PointerTarget { p_WT_m: position_W_m, holds: held, buttons }
+}
