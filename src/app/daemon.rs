@@ -64,10 +64,12 @@ impl Daemon {
             connected.push(device);
             streamed.push(stream);
         }
+        let (sessions, calls) = net::session_calls();
         let stream = net::spawn_stream(StreamParts {
             socket: sockets.stream,
             identity,
             devices: streamed,
+            calls,
             on_start: raise_stream(config.rt_priority),
         })?;
         let mut devices = Vec::new();
@@ -82,7 +84,7 @@ impl Daemon {
             token: None,
         };
         let hosts = devices.iter().map(|device| device.host().clone()).collect();
-        services.serve(telemetry.scrape(), &Hosts::new(hosts));
+        services.serve(telemetry.scrape(), &Hosts::new(hosts), sessions);
         let _state_dir = state_dir;
         Ok(Self { stream, services, devices, connect, http_address, grpc_address, _state_dir })
     }

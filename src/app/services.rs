@@ -10,7 +10,7 @@ use tokio::task::JoinHandle;
 
 use super::Signals;
 use crate::host::Hosts;
-use crate::net::{self, Door};
+use crate::net::{self, Door, SessionDesk};
 use crate::telemetry::Scrape;
 
 /// Time for open calls to be answered when the daemon stops.
@@ -52,12 +52,12 @@ impl Services {
     }
 
     /// Begins to serve.
-    pub fn serve(&mut self, scrape: Scrape, hosts: &Hosts) {
+    pub fn serve(&mut self, scrape: Scrape, hosts: &Hosts, sessions: SessionDesk) {
         let (Some(runtime), Some((grpc, http))) = (&self.runtime, self.doors.take()) else {
             return;
         };
         let stopped = self.shutdown.subscribe();
-        let serving = net::serve_grpc(grpc, hosts.clone(), stopped.clone());
+        let serving = net::serve_grpc(grpc, hosts.clone(), sessions, stopped.clone());
         self.serving.push(runtime.spawn(async move {
             if let Err(error) = serving.await {
                 tracing::error!(%error, "the services stopped");

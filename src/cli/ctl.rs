@@ -4,7 +4,7 @@ use anyhow::{Context, bail, ensure};
 use clap::{Args, Subcommand};
 use serde_json::{Value, json};
 
-use super::{format, hand, wall};
+use super::{format, hand, sessions, wall};
 use crate::client::{
     ConnectString, DEFAULT_GRPC_PORT, DEFAULT_STREAM_PORT, Services, ServicesError, services,
     services_in_plaintext, told,
@@ -75,6 +75,10 @@ enum Action {
   hapticd ctl clear-fault")]
     ClearFault,
     Wall(wall::WallCommand),
+    #[command(subcommand)]
+    Session(sessions::SessionCommand),
+    #[command(subcommand)]
+    Lease(sessions::LeaseCommand),
     Hand(hand::Hand),
 }
 
@@ -93,7 +97,13 @@ impl Ctl {
             "{target} does not say where the services are: use the whole connect string that `serve` prints (with grpc=PORT)"
         );
         let mut services = self.services().await?;
-        let name = device_name(&mut services, self.device.as_deref()).await?;
+        let name = match self.action {
+            // Of all devices, where none is named.
+            Action::Session(_) | Action::Lease(_) => {
+                format::device_resource(self.device.as_deref())
+            }
+            _ => device_name(&mut services, self.device.as_deref()).await?,
+        };
         let devices = &mut services.devices;
         let mode = match self.action {
             Action::Describe => {
@@ -109,6 +119,10 @@ impl Ctl {
             Action::State { watch: true, interval } => {
                 return watch(&mut services, name, interval, self.json).await;
             }
+            Action::Session(command) => {
+                return command.run(&mut services.sessions, name, self.json).await;
+            }
+            Action::Lease(command) => return command.run(&mut services.sessions, self.json).await,
             Action::Hand(hand) => return hand.run(&self.connect, &name).await,
             Action::Wall(command) => {
                 return command.run(&mut services.scenes, &name, self.json).await;

@@ -43,6 +43,8 @@ pub struct Options {
     pub detail: bool,
     /// How the client's world lies over the device's; `None`: they are one.
     pub workspace: Option<Workspace>,
+    /// Of a session that a call has opened: this stream joins it, on its terms. Else empty.
+    pub ticket: Vec<u8>,
 }
 
 impl Options {
@@ -58,6 +60,7 @@ impl Options {
             takeover: false,
             detail: false,
             workspace: None,
+            ticket: Vec::new(),
         }
     }
 
@@ -74,6 +77,7 @@ impl Options {
             takeover: self.takeover,
             detail: self.detail,
             workspace: self.workspace.clone(),
+            ticket: self.ticket.clone(),
         }
     }
 }

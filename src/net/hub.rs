@@ -82,6 +82,18 @@ impl Hub {
         (Self { sessions, peers: HashMap::new(), bridges }, doorbells)
     }
 
+    /// A message came on a reliable stream. Returns by which number its client is known from
+    /// now on.
+    pub fn on_message(&mut self, id: SessionId, message: StreamMessage) -> SessionId {
+        let known_as = self.sessions.on_message(id, message, now_ns());
+        if known_as != id
+            && let Some(peer) = self.peers.remove(&id)
+        {
+            self.peers.insert(known_as, peer);
+        }
+        known_as
+    }
+
     /// Of several reports that waited only the newest becomes State.
     pub fn hear_reports(&mut self, device: usize) {
         let (Some(bridges), Some(sessions)) =

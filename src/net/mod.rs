@@ -5,6 +5,7 @@
 //! anything: the stream asks [`crate::session`], the services ask [`crate::host`].
 //! It never sees the real-time thread.
 
+mod calls;
 mod door;
 mod grpc;
 mod http;
@@ -12,6 +13,7 @@ mod hub;
 mod identity;
 mod stream;
 
+pub use calls::{SessionCalls, SessionDesk, session_calls};
 pub use door::Door;
 pub use grpc::serve as serve_grpc;
 pub use http::serve as serve_http;

@@ -4,7 +4,7 @@
 //! the timer are tasks that take turns on the same [`Hub`]. A datagram becomes a setpoint, and
 //! a report becomes datagrams, without waiting for anything else.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::HashMap;
 use std::io;
 use std::net::{SocketAddr, UdpSocket};
@@ -21,6 +21,7 @@ use tokio::io::unix::AsyncFd;
 use tokio::sync::{mpsc, oneshot};
 
 use super::Identity;
+use super::calls::SessionCalls;
 use super::hub::{Hub, Peer, StreamDevice};
 use crate::clock::now_ns;
 use crate::proto::StreamMessage;
@@ -51,6 +52,8 @@ pub struct StreamParts {
     pub identity: Identity,
     /// What is served; at least one.
     pub devices: Vec<StreamDevice>,
+    /// Where calls come from.
+    pub calls: SessionCalls,
     /// Run first by the new thread: to raise its priority.
     pub on_start: Box<dyn Fn() + Send>,
 }
@@ -133,6 +136,7 @@ async fn serve(parts: StreamParts, config: ServerConfig, stopped: oneshot::Recei
                 tokio::task::spawn_local(hear_doorbell(Rc::clone(&hub), device, doorbell));
             }
             tokio::task::spawn_local(keep_time(Rc::clone(&hub)));
+            tokio::task::spawn_local(answer_calls(Rc::clone(&hub), parts.calls));
             tokio::task::spawn_local(tell_refusals(Rc::clone(&hub)));
             tokio::select! {
                 () = accept(&endpoint, &hub) => {}
@@ -175,11 +179,13 @@ async fn attend(hub: Shared, incoming: Incoming) {
     let peer = Peer { connection: connection.clone(), messages };
     hub.borrow_mut().peers.insert(id, peer);
     tracing::debug!(session = %id, address = %connection.remote_address(), "connected");
+    // It may come to join a session that waits for it.
+    let id = &Cell::new(id);
     tokio::select! {
         () = hear_datagrams(&hub, id, &connection) => {}
         () = converse(&hub, id, &connection, outgoing) => {}
     }
-    let mut hub = hub.borrow_mut();
+    let (mut hub, id) = (hub.borrow_mut(), id.get());
     hub.peers.remove(&id);
     hub.sessions.disconnect(id, now_ns());
     hub.act();
@@ -199,10 +205,10 @@ async fn refuse(connection: &Connection, bye: &StreamMessage) {
     connection.close(VarInt::from_u32(1), b"too many sessions");
 }
 
-async fn hear_datagrams(hub: &Shared, id: SessionId, connection: &Connection) {
+async fn hear_datagrams(hub: &Shared, id: &Cell<SessionId>, connection: &Connection) {
     while let Ok(bytes) = connection.read_datagram().await {
         let mut hub = hub.borrow_mut();
-        hub.sessions.on_datagram(id, &bytes, now_ns());
+        hub.sessions.on_datagram(id.get(), &bytes, now_ns());
         hub.act();
     }
 }
@@ -210,7 +216,7 @@ async fn hear_datagrams(hub: &Shared, id: SessionId, connection: &Connection) {
 /// The reliable stream, both ways; ends when the client is to be left.
 async fn converse(
     hub: &Shared,
-    id: SessionId,
+    id: &Cell<SessionId>,
     connection: &Connection,
     mut outgoing: mpsc::Receiver<Vec<u8>>,
 ) {
@@ -227,10 +233,10 @@ async fn converse(
             let mut hub = hub.borrow_mut();
             loop {
                 match frames.next(&mut bytes) {
-                    Ok(Some(message)) => hub.sessions.on_message(id, message, now_ns()),
+                    Ok(Some(message)) => id.set(hub.on_message(id.get(), message)),
                     Ok(None) => break,
                     Err(error) => {
-                        hub.sessions.on_broken_stream(id, error, now_ns());
+                        hub.sessions.on_broken_stream(id.get(), error, now_ns());
                         break;
                     }
                 }
@@ -297,6 +303,15 @@ async fn keep_time(hub: Shared) {
             hub.act();
         }
         hub.publish();
+    }
+}
+
+/// The services ask about sessions; an answer takes microseconds.
+async fn answer_calls(hub: Shared, mut calls: SessionCalls) {
+    while let Some(call) = calls.next().await {
+        let mut hub = hub.borrow_mut();
+        call(&mut hub.sessions, now_ns());
+        hub.act();
     }
 }
 

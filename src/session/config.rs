@@ -50,6 +50,16 @@ impl Role {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct SessionId(pub(super) u64);
 
+impl SessionId {
+    /// The session of a resource name; `None` where it cannot be one.
+    pub fn parse(name: &str) -> Option<Self> {
+        let digits = name.strip_prefix("sessions/")?;
+        // One name for one session: no sign, no zero in front.
+        let id = Self(digits.parse().ok()?);
+        (id.to_string() == name).then_some(id)
+    }
+}
+
 /// The resource name, `sessions/ID`.
 impl fmt::Display for SessionId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -155,9 +155,9 @@ pub(super) fn welcome(
     workspace: &Workspace,
     config: &SessionConfig,
     now_ns: u64,
-) -> StreamMessage {
+) -> Welcome {
     let tick_us = config.tick_ns / NS_PER_US;
-    message(Body::Welcome(Welcome {
+    Welcome {
         version: PROTOCOL.to_owned(),
         session: id.to_string(),
         device: config.device_name(),
@@ -172,16 +172,13 @@ pub(super) fn welcome(
         grpc_port: config.grpc_port.into(),
         felt_stiffness_ratio: workspace.felt_stiffness_ratio() as f32,
         max_age_ms: config.max_age_ms,
-    }))
+    }
 }
 
 /// The last word to a client.
 pub(super) fn bye(reason: ByeReason, detail: &str) -> StreamMessage {
-    message(Body::Bye(Bye { reason: reason.into(), detail: detail.to_owned() }))
-}
-
-fn message(body: Body) -> StreamMessage {
-    StreamMessage { body: Some(body) }
+    let bye = Bye { reason: reason.into(), detail: detail.to_owned() };
+    StreamMessage { body: Some(Body::Bye(bye)) }
 }
 
 #[cfg(test)]

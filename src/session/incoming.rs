@@ -7,7 +7,8 @@
 //! the tick's own ramp, and no command of an old epoch acts any more.
 
 use crate::proto::datagram::Body as DatagramBody;
-use crate::proto::{Ack, ByeReason, Command, Hello, Ping, Pong};
+use crate::proto::stream_message::Body;
+use crate::proto::{Ack, ByeReason, Command, Hello, Ping, Pong, StreamMessage, Welcome};
 use crate::wire;
 
 use super::command::{self, Context, Refusal};
@@ -20,26 +21,40 @@ use super::{
 
 impl Sessions {
     pub(super) fn on_hello(&mut self, id: SessionId, hello: &Hello, now_ns: u64) {
-        let agreed = handshake::agree(hello, &self.config);
-        match agreed.and_then(|terms| Ok((self.lease_for(id, &terms, now_ns)?, terms))) {
-            Ok((lease_epoch, terms)) => self.welcome(id, lease_epoch, terms, now_ns),
+        match self.admit(id, hello, now_ns) {
+            Ok(()) => {
+                self.say_welcome(id, now_ns);
+                self.tell_lease_of(id, now_ns);
+            }
             Err(refusal) => {
                 self.close(id, refusal.reason, &refusal.detail, StaleReason::Disconnected, now_ns);
             }
         }
     }
 
-    /// The epoch under which a session commands, 0 for one that does not.
-    fn lease_for(
+    /// Opens a session on the terms of its Hello.
+    pub(super) fn admit(
         &mut self,
         id: SessionId,
-        terms: &Terms,
+        hello: &Hello,
+        now_ns: u64,
+    ) -> Result<(), handshake::Refusal> {
+        let terms = handshake::agree(hello, &self.config)?;
+        if terms.role == Role::Controller {
+            self.grant_lease(id, terms.takeover, now_ns)?;
+        }
+        self.open(id, terms, now_ns);
+        Ok(())
+    }
+
+    /// Gives the lease to a session; the epoch under which it commands.
+    pub(super) fn grant_lease(
+        &mut self,
+        id: SessionId,
+        takeover: bool,
         now_ns: u64,
     ) -> Result<u64, handshake::Refusal> {
-        if terms.role != Role::Controller {
-            return Ok(0);
-        }
-        let loser = self.lease.grant(id, terms.takeover).map_err(|held| {
+        let loser = self.lease.grant(id, takeover).map_err(|held| {
             let holder = self.peers.get(&held.by).and_then(|peer| peer.open.as_ref());
             let name = holder.map_or("", |open| open.client_name.as_str());
             handshake::Refusal {
@@ -57,19 +72,34 @@ impl Sessions {
         Ok(self.lease.epoch())
     }
 
-    fn welcome(&mut self, id: SessionId, lease_epoch: u64, terms: Terms, now_ns: u64) {
+    fn open(&mut self, id: SessionId, terms: Terms, now_ns: u64) {
         let Some(peer) = self.peers.get_mut(&id) else {
             return;
         };
-        let (config, workspace) = (&self.config, terms.workspace);
         peer.open = Some(Open::new(terms, self.riding.newest(), now_ns));
-        let numbers = (lease_epoch, self.scene_revision);
-        let message = handshake::welcome(id, numbers, &workspace, config, now_ns);
-        self.outbox.must(Output::Message { to: id, message });
-        if lease_epoch != 0 {
-            self.tell_all(&events::of_lease(now_ns, lease_epoch));
-        }
         self.watch_hand(now_ns);
+    }
+
+    /// Tells a session what it was granted.
+    pub(super) fn say_welcome(&mut self, id: SessionId, now_ns: u64) {
+        let Some(welcome) = self.welcome_of(id, now_ns) else { return };
+        let message = StreamMessage { body: Some(Body::Welcome(welcome)) };
+        self.outbox.must(Output::Message { to: id, message });
+    }
+
+    /// Tells everybody where this session has come to hold the lease.
+    pub(super) fn tell_lease_of(&mut self, id: SessionId, now_ns: u64) {
+        if self.lease.holder() == Some(id) {
+            self.tell_all(&events::of_lease(now_ns, self.lease.epoch()));
+        }
+    }
+
+    /// What a session was granted.
+    pub(super) fn welcome_of(&self, id: SessionId, now_ns: u64) -> Option<Welcome> {
+        let open = self.peers.get(&id)?.open.as_ref()?;
+        let lease_epoch = if self.lease.holder() == Some(id) { self.lease.epoch() } else { 0 };
+        let numbers = (lease_epoch, self.scene_revision);
+        Some(handshake::welcome(id, numbers, &open.workspace, &self.config, now_ns))
     }
 
     pub(super) fn on_command(&mut self, id: SessionId, command: &Command, now_ns: u64) -> Outcome {

@@ -24,6 +24,7 @@
 //! The order of events is the order of calls, so a run in virtual time is deterministic.
 
 mod cadence;
+mod calls;
 mod command;
 mod config;
 mod contact;
@@ -67,6 +68,7 @@ use lease::Lease;
 use output::Outbox;
 use peer::Peer;
 
+pub use calls::{CallRefusal, LeaseInfo, Ticket};
 pub use config::{Role, SessionConfig, SessionId, Transport};
 pub use counters::{Counters, Outcome, StaleReason};
 pub use hand::HandTarget;
@@ -152,10 +154,19 @@ impl Sessions {
         if self.peers.len() >= most {
             return Err(TooManySessions { most });
         }
-        self.last_id += 1;
-        let id = SessionId(self.last_id);
+        let id = self.next_id();
         self.peers.insert(id, Peer::new(transport, now_ns));
         Ok(id)
+    }
+
+    fn next_id(&mut self) -> SessionId {
+        self.last_id += 1;
+        SessionId(self.last_id)
+    }
+
+    /// Resource name of the device.
+    pub fn device_name(&self) -> String {
+        self.config.device_name()
     }
 
     /// Connections, welcomed or not yet.
@@ -249,7 +260,7 @@ impl Sessions {
             self.close(id, reason, detail, StaleReason::Disconnected, now_ns);
         }
         self.watch_hand(now_ns);
-        for (id, peer) in &mut self.peers {
+        for (id, peer) in self.peers.iter_mut().filter(|(_, peer)| peer.waiting.is_none()) {
             if let Some(ping) = peer.open.as_mut().and_then(|open| open.pinger.due(now_ns)) {
                 let bytes = wire::encode(&DatagramBody::Ping(ping));
                 send(&mut self.outbox, &mut self.counters, (*id, peer.transport), bytes);

@@ -4,6 +4,7 @@
 //! first. An event goes to every welcomed session on the reliable stream at once, and rides
 //! in State until it is acknowledged.
 
+use super::peer::Peer;
 use super::state::{DeepestFirst, Own, address, fill, fill_detail};
 use super::{Output, Sessions, events, send};
 use crate::control::{Event, Report};
@@ -56,7 +57,9 @@ impl Sessions {
     ) {
         let holder = self.lease.holder();
         for (id, peer) in &mut self.peers {
-            let Some(open) = &mut peer.open else { continue };
+            let Some(open) = peer.open.as_mut().filter(|_| peer.waiting.is_none()) else {
+                continue;
+            };
             if (holder == Some(*id)) != to_controller
                 || !open.cadence.due(report.tick, self.config.tick_ns)
             {
@@ -83,7 +86,8 @@ impl Sessions {
 
     /// To every welcomed session.
     pub(super) fn tell_all(&mut self, message: &StreamMessage) {
-        for (id, _) in self.peers.iter().filter(|(_, peer)| peer.open.is_some()) {
+        let there = |peer: &Peer| peer.open.is_some() && peer.waiting.is_none();
+        for (id, _) in self.peers.iter().filter(|(_, peer)| there(peer)) {
             self.outbox.may(Output::Message { to: *id, message: message.clone() });
         }
     }

@@ -11,7 +11,10 @@ use super::ping::Pinger;
 use super::quality::Judge;
 use super::state::Echo;
 use super::workspace::Workspace;
-use super::{Quality, Role, SessionId, Transport};
+use super::{Quality, Role, SessionId, Ticket, Transport};
+
+/// A session that was opened by a call is forgotten when no stream joins it in this time.
+const WAITING_NS: u64 = 10_000_000_000;
 
 /// A connection, welcomed or not yet.
 #[derive(Debug)]
@@ -21,6 +24,8 @@ pub(super) struct Peer {
     heard_ns: u64,
     /// What a good Hello opened.
     pub open: Option<Open>,
+    /// Opened by a call, it waits for the stream that shows this.
+    pub waiting: Option<Ticket>,
 }
 
 /// A welcomed session.
@@ -28,6 +33,7 @@ pub(super) struct Peer {
 pub(super) struct Open {
     pub client_name: String,
     pub role: Role,
+    command_interval_ns: u64,
     pub cadence: Cadence,
     pub liveness: Liveness,
     pub pinger: Pinger,
@@ -52,6 +58,7 @@ impl Open {
         Self {
             client_name: terms.client_name,
             role: terms.role,
+            command_interval_ns: terms.command_interval_ns,
             cadence: Cadence::new(terms.state_interval_ns),
             liveness: Liveness::new(terms.role, terms.command_interval_ns),
             pinger: Pinger::new(now_ns),
@@ -67,7 +74,14 @@ impl Open {
         }
     }
 
-    /// Another session took its lease: it stays, and watches.
+    /// It has the lease from now on.
+    pub fn promote(&mut self) {
+        self.role = Role::Controller;
+        self.liveness = Liveness::new(Role::Controller, self.command_interval_ns);
+        self.judge = Judge::new();
+    }
+
+    /// It has the lease no more: it stays, and watches.
     pub fn demote(&mut self) {
         self.role = Role::Observer;
         self.liveness.demote();
@@ -88,7 +102,18 @@ impl Open {
 impl Peer {
     /// A connection that has said nothing yet.
     pub fn new(transport: Transport, now_ns: u64) -> Self {
-        Self { transport, connected_ns: now_ns, heard_ns: now_ns, open: None }
+        Self { transport, connected_ns: now_ns, heard_ns: now_ns, open: None, waiting: None }
+    }
+
+    /// A session that is opened by a call.
+    pub fn waiting(ticket: Ticket, now_ns: u64) -> Self {
+        let heard_ns = now_ns + (WAITING_NS - SILENCE_NS);
+        Self { heard_ns, waiting: Some(ticket), ..Self::new(Transport::Quic, now_ns) }
+    }
+
+    /// The stream that it waited for is there.
+    pub fn join(&mut self, transport: Transport, now_ns: u64) {
+        (self.waiting, self.transport, self.heard_ns) = (None, transport, now_ns);
     }
 
     /// Something came from it, whatever it was.
@@ -106,6 +131,9 @@ impl Peer {
     /// Why it has to be closed now, if it has.
     pub fn expired(&self, now_ns: u64) -> Option<(ByeReason, &'static str)> {
         (now_ns >= self.silent_ns()).then_some(match self.open {
+            Some(_) if self.waiting.is_some() => {
+                (ByeReason::Silent, "no stream joined within 10 s")
+            }
             Some(_) => (ByeReason::Silent, "nothing was heard for 2 s"),
             None => (ByeReason::Silent, "no Hello came within 2 s"),
         })
@@ -113,7 +141,8 @@ impl Peer {
 
     /// When something is to be done for it.
     pub fn next_timeout(&self) -> u64 {
-        let ping_ns = self.open.as_ref().map_or(u64::MAX, |open| open.pinger.next_ns());
+        let open = self.open.as_ref().filter(|_| self.waiting.is_none());
+        let ping_ns = open.map_or(u64::MAX, |open| open.pinger.next_ns());
         ping_ns.min(self.silent_ns())
     }
 
@@ -132,6 +161,7 @@ impl Peer {
             clock: open.offset.clock,
             felt_stiffness_ratio: open.workspace.felt_stiffness_ratio(),
             clutched: open.workspace.is_clutched(),
+            waiting: self.waiting.is_some(),
             last_refusal: open.last_refusal.as_ref(),
         })
     }
@@ -164,6 +194,8 @@ pub struct SessionInfo<'a> {
     pub felt_stiffness_ratio: f64,
     /// Its workspace is lifted off the device.
     pub clutched: bool,
+    /// Opened by a call, and no stream has joined it yet.
+    pub waiting: bool,
     /// Why its last invalid command was refused: datagrams are not answered.
     pub last_refusal: Option<&'a FieldError>,
 }

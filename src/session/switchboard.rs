@@ -8,10 +8,13 @@
 use std::collections::HashMap;
 
 use crate::proto::stream_message::Body;
-use crate::proto::{Hello, StreamMessage};
+use crate::proto::{Hello, StreamMessage, Welcome};
 use crate::wire::FrameError;
 
-use super::{Output, SessionConfig, SessionId, SessionInfo, Sessions, TooManySessions, Transport};
+use super::{
+    CallRefusal, LeaseInfo, Output, SessionConfig, SessionId, SessionInfo, Sessions, Ticket,
+    TooManySessions, Transport,
+};
 
 /// The sessions of every device of a server.
 #[derive(Debug)]
@@ -39,18 +42,27 @@ impl Switchboard {
         self.devices.get_mut(device)
     }
 
+    /// The sessions of each device.
+    pub fn devices(&self) -> impl Iterator<Item = &Sessions> {
+        self.devices.iter()
+    }
+
     /// A client connected; it has 2 s for its Hello.
     pub fn connect(
         &mut self,
         transport: Transport,
         now_ns: u64,
     ) -> Result<SessionId, TooManySessions> {
-        let most = self.max_sessions;
-        let open: usize = self.devices.iter().map(Sessions::connections).sum();
-        let first = self.devices.first_mut().filter(|_| open < most);
-        let id = first.ok_or(TooManySessions { most })?.connect(transport, now_ns)?;
+        self.check_room()?;
+        let id = self.devices[0].connect(transport, now_ns)?;
         self.places.insert(id, 0);
         Ok(id)
+    }
+
+    fn check_room(&self) -> Result<(), TooManySessions> {
+        let open: usize = self.devices.iter().map(Sessions::connections).sum();
+        let most = self.max_sessions;
+        if open < most { Ok(()) } else { Err(TooManySessions { most }) }
     }
 
     /// Its connection is gone.
@@ -65,14 +77,19 @@ impl Switchboard {
         self.devices.iter_mut().for_each(|device| device.shutdown(now_ns));
     }
 
-    /// A message came on the reliable stream.
-    pub fn on_message(&mut self, id: SessionId, message: StreamMessage, now_ns: u64) {
+    /// A message came on the reliable stream. Returns by which number the client is known from
+    /// now on: another one where it joins a session that waits.
+    pub fn on_message(&mut self, id: SessionId, message: StreamMessage, now_ns: u64) -> SessionId {
         if let Some(Body::Hello(hello)) = &message.body {
+            if !hello.ticket.is_empty() {
+                return self.join(id, hello, now_ns);
+            }
             self.route(id, hello);
         }
         if let Some(device) = self.device_of(id) {
             device.on_message(id, message, now_ns);
         }
+        id
     }
 
     /// The reliable stream cannot be read any more.
@@ -102,12 +119,73 @@ impl Switchboard {
     /// The next thing to do, and for which device.
     pub fn poll_output(&mut self) -> Option<(usize, Output)> {
         let next = |(place, device): (usize, &mut Sessions)| Some((place, device.poll_output()?));
-        self.devices.iter_mut().enumerate().find_map(next)
+        let next = self.devices.iter_mut().enumerate().find_map(next);
+        if let Some((_, Output::Close { to, .. })) = &next {
+            self.places.remove(to);
+        }
+        next
     }
 
     /// The welcomed sessions of all devices.
     pub fn list(&self, now_ns: u64) -> impl Iterator<Item = SessionInfo<'_>> {
         self.devices.iter().flat_map(move |device| device.list(now_ns))
+    }
+
+    /// Opens a session for a stream that is to come with this ticket.
+    pub fn open(
+        &mut self,
+        hello: &Hello,
+        ticket: Ticket,
+        now_ns: u64,
+    ) -> Result<Welcome, CallRefusal> {
+        self.check_room()?;
+        let place = self.devices.iter().position(|device| device.is_called(&hello.device));
+        // Where none is, the first device says which there are.
+        let place = place.unwrap_or(0);
+        let id = self.devices[0].next_id();
+        let welcome = self.devices[place].open_by_call(id, hello, ticket, now_ns)?;
+        self.places.insert(id, place);
+        Ok(welcome)
+    }
+
+    /// Sends a session away.
+    pub fn close(&mut self, id: SessionId, now_ns: u64) -> Result<(), CallRefusal> {
+        self.known(id)?.close_by_call(id, now_ns)
+    }
+
+    /// Makes a session the controller of its device.
+    pub fn acquire_lease(
+        &mut self,
+        id: SessionId,
+        takeover: bool,
+        now_ns: u64,
+    ) -> Result<LeaseInfo, CallRefusal> {
+        self.known(id)?.acquire_lease(id, takeover, now_ns)
+    }
+
+    /// Makes the controller an observer.
+    pub fn release_lease(&mut self, id: SessionId, now_ns: u64) -> Result<LeaseInfo, CallRefusal> {
+        self.known(id)?.release_lease(id, now_ns)
+    }
+
+    fn known(&mut self, id: SessionId) -> Result<&mut Sessions, CallRefusal> {
+        self.device_of(id).ok_or_else(|| CallRefusal::Unknown(id.to_string()))
+    }
+
+    /// A newcomer shows a ticket: it becomes the session that waits for it.
+    fn join(&mut self, newcomer: SessionId, hello: &Hello, now_ns: u64) -> SessionId {
+        let Some(from) = self.places.get(&newcomer).copied() else { return newcomer };
+        let waiting = self.devices.iter().find_map(|device| device.waiting_with(&hello.ticket));
+        let to = waiting.and_then(|id| Some((id, *self.places.get(&id)?)));
+        if let Some((id, place)) = to
+            && let Some(peer) = self.devices[from].let_go(newcomer)
+        {
+            self.places.remove(&newcomer);
+            self.devices[place].join_waiting(id, peer.transport, now_ns);
+            return id;
+        }
+        self.devices[from].refuse_ticket(newcomer, now_ns);
+        newcomer
     }
 
     fn device_of(&mut self, id: SessionId) -> Option<&mut Sessions> {

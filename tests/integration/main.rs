@@ -17,6 +17,7 @@ mod persistence;
 mod refusals;
 #[cfg(feature = "net")]
 mod services;
+mod sessions;
 #[cfg(feature = "net")]
 mod stream;
 #[cfg(feature = "net")]

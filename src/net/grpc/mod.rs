@@ -5,6 +5,7 @@ mod desk;
 mod devices;
 mod names;
 mod scenes;
+mod sessions;
 
 use std::time::Duration;
 
@@ -12,16 +13,18 @@ use tokio::sync::watch;
 use tonic::Status;
 use tonic::transport::Server;
 
-use super::Door;
+use super::{Door, SessionDesk};
 use crate::config::SceneError;
 use crate::host::{HostError, Hosts};
 use crate::proto::DESCRIPTOR_SET;
 use crate::proto::device_service_server::DeviceServiceServer;
 use crate::proto::scene_service_server::SceneServiceServer;
+use crate::proto::session_service_server::SessionServiceServer;
 use crate::units::FieldError;
 use desk::desks;
 use devices::Devices;
 use scenes::Scenes;
+use sessions::SessionCallsService;
 
 /// Pings to a client that says nothing, and the time for their answer: whoever is gone
 /// without a word gives its place back.
@@ -35,14 +38,17 @@ const CALLS: u32 = 2048;
 pub async fn serve(
     door: Door,
     hosts: Hosts,
+    sessions: SessionDesk,
     mut stopped: watch::Receiver<bool>,
 ) -> anyhow::Result<()> {
     let desks = desks(&hosts);
     let devices = DeviceServiceServer::new(Devices::new(desks.clone(), stopped.clone()));
     let scenes = SceneServiceServer::new(Scenes::new(desks));
+    let sessions = SessionServiceServer::new(SessionCallsService::new(sessions, hosts));
     let (reporter, health) = tonic_health::server::health_reporter();
     reporter.set_serving::<DeviceServiceServer<Devices>>().await;
     reporter.set_serving::<SceneServiceServer<Scenes>>().await;
+    reporter.set_serving::<SessionServiceServer<SessionCallsService>>().await;
     let reflection = || {
         tonic_reflection::server::Builder::configure()
             .register_encoded_file_descriptor_set(DESCRIPTOR_SET)
@@ -57,6 +63,7 @@ pub async fn serve(
         .max_concurrent_streams(CALLS)
         .add_service(devices)
         .add_service(scenes)
+        .add_service(sessions)
         .add_service(health)
         .add_service(reflection().build_v1()?)
         .add_service(reflection().build_v1alpha()?)

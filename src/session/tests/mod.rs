@@ -1,5 +1,6 @@
 //! The sessions of one device in virtual time: each rule, then all of them on a bad network.
 
+mod calls;
 mod clutch;
 mod commanding;
 mod ending;
