@@ -43,6 +43,7 @@ mod path;
 mod peer;
 mod ping;
 mod quality;
+mod shape;
 mod soft;
 mod state;
 #[cfg(test)]
