@@ -88,7 +88,20 @@ fn impossible() -> Vec<(SceneObject, &'static str)> {
             wall(|_, material| material.damping_ns_per_m = f64::NAN),
             "object.material.damping_ns_per_m = NaN: must be a number in 0 to 1000000 N s/m",
         ),
-        (wall(|_, material| material.friction = 11.0), "object.material.friction = 11: must be"),
+        (
+            wall(|_, material| material.kinetic_friction = 11.0),
+            "object.material.kinetic_friction = 11: must be a number in 0 to 10",
+        ),
+        (
+            wall(|_, material| {
+                (material.kinetic_friction, material.static_friction) = (0.5, Some(0.4));
+            }),
+            "object.material.static_friction = 0.4: must be at least kinetic_friction, 0.5",
+        ),
+        (
+            wall(|_, material| material.surface_velocity_m_per_s = vector(f64::INFINITY)),
+            "object.material.surface_velocity_m_per_s.x = inf: must be a number in -100 to 100",
+        ),
         (
             wall(|plane, _| plane.normal = vector(0.0)),
             "object.half_space.normal = 0: must be a number in 0.000001 to 1000000",

@@ -41,7 +41,7 @@ pub async fn serve(
     mut stopped: watch::Receiver<bool>,
 ) -> anyhow::Result<()> {
     let devices = DeviceServiceServer::new(Devices::new(Arc::clone(&host), stopped.clone()));
-    let scenes = SceneServiceServer::new(Scenes::new(host));
+    let scenes = SceneServiceServer::new(Scenes::new(host, stopped.clone()));
     let (reporter, health) = tonic_health::server::health_reporter();
     reporter.set_serving::<DeviceServiceServer<Devices>>().await;
     reporter.set_serving::<SceneServiceServer<Scenes>>().await;
