@@ -19,9 +19,8 @@ pub fn print(object: &proto::SceneObject, as_json: bool) -> anyhow::Result<()> {
     }
     let hollow = if object.hollow { ", hollow" } else { "" };
     say!("{}: {}{hollow}", last_part(&object.name), in_words(object.kind.as_ref()));
-    if let Some(material) = &object.material {
-        say!("  {}, revision {}", material_in_words(material), object.revision);
-    }
+    let material = object.material.as_ref().map(material_in_words).unwrap_or_default();
+    say!("  {material}revision {}", object.revision);
     Ok(())
 }
 
@@ -121,5 +120,5 @@ fn material_in_words(material: &proto::Material) -> String {
     let moving =
         velocity.map_or_else(String::new, |v| format!(", moves at {} m/s", vector(Some(&v), 3)));
     let (stiffness, damping) = (material.stiffness_n_per_m, material.damping_ns_per_m);
-    format!("{stiffness} N/m, {damping} N s/m, {friction}{moving}")
+    format!("{stiffness} N/m, {damping} N s/m, {friction}{moving}, ")
 }

@@ -3,7 +3,7 @@
 //! Both are rows of [`ObjectLayout`]. The server's has revisions and slots as well, and its
 //! last line says that the text is whole; without it [`SceneTextError::CutShort`]. In a file
 //! of people's own there is neither; where they give a copy of the server's, its revisions and
-//! slots are passed over. Numbers are written so that they read back bit by bit.
+//! slots are passed over. An empty one is a mistake: no objects is `object = []`. Numbers are written so that they read back bit by bit.
 
 use std::collections::BTreeSet;
 
@@ -33,8 +33,8 @@ pub(super) enum SceneTextError {
 struct Layout {
     #[serde(skip_serializing_if = "Option::is_none")]
     revision: Option<i64>,
-    #[serde(default, rename = "object", skip_serializing_if = "Vec::is_empty")]
-    objects: Vec<ObjectLayout>,
+    #[serde(rename = "object", skip_serializing_if = "Option::is_none")]
+    objects: Option<Vec<ObjectLayout>>,
 }
 
 /// Revisions that survive both TOML's integers and a range's floating-point ends.
@@ -47,7 +47,7 @@ pub(super) fn read_scene(text: &str, file: &str) -> Result<Scene, SceneTextError
         return Err(SceneTextError::CutShort);
     }
     let layout: Layout = error::parse(text, file).map_err(SceneTextError::Malformed)?;
-    let scene = read_objects(layout.objects, read_placed).and_then(|objects| {
+    let scene = read_objects(layout.objects.unwrap_or_default(), read_placed).and_then(|objects| {
         let revision = kept(&REVISION, "revision", layout.revision)?;
         Scene::restore(revision, objects)
     });
@@ -58,7 +58,9 @@ pub(super) fn read_scene(text: &str, file: &str) -> Result<Scene, SceneTextError
 /// own; `file` is for messages only.
 pub fn read_scene_objects(text: &str, file: &str) -> Result<Vec<SceneObject>, ConfigError> {
     let layout: Layout = error::parse(text, file)?;
-    let objects = read_objects(layout.objects, ObjectLayout::check);
+    let missing = || FieldError::new("object", "(none)", "an empty scene says `object = []`");
+    let objects = layout.objects.ok_or_else(missing);
+    let objects = objects.and_then(|objects| read_objects(objects, ObjectLayout::check));
     let distinct = objects.and_then(|objects| {
         let mut ids = BTreeSet::new();
         match objects.iter().enumerate().find(|(_, object)| !ids.insert(object.id())) {
@@ -102,7 +104,8 @@ pub(super) fn write_scene(
         (layout.slot, layout.revision) = (Some(slot.into()), Some(object.revision().try_into()?));
         Ok(layout)
     });
-    let objects = objects.collect::<Result<_, std::num::TryFromIntError>>()?;
+    let objects = objects.collect::<Result<Vec<_>, std::num::TryFromIntError>>()?;
+    let objects = Some(objects).filter(|objects| !objects.is_empty());
     let layout = Layout { revision: Some(scene.revision().try_into()?), objects };
     Ok(format!("{FIRST_LINE}{}{LAST_LINE}\n", toml::to_string(&layout)?))
 }
@@ -112,5 +115,5 @@ pub fn write_scene_objects<'a>(
     objects: impl IntoIterator<Item = &'a SceneObject>,
 ) -> Result<String, toml::ser::Error> {
     let objects = objects.into_iter().map(ObjectLayout::from).collect();
-    toml::to_string(&Layout { revision: None, objects })
+    toml::to_string(&Layout { revision: None, objects: Some(objects) })
 }

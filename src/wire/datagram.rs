@@ -129,6 +129,7 @@ mod tests {
         };
         let bytes = encode(&Body::Command(command));
         assert!(bytes.len() <= MAX_COMMAND_BYTES, "{}", bytes.len());
+        assert_eq!(bytes.len(), 888);
         assert!(decode(&bytes).is_ok());
     }
 

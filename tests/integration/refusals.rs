@@ -3,8 +3,8 @@
 use hapticd::client::Services;
 use hapticd::proto::scene_object::Kind;
 use hapticd::proto::{
-    ConstantField, CreateObjectRequest, DeleteObjectRequest, GetSceneRequest, HalfSpace, Material,
-    SceneObject, Sphere, UpdateObjectRequest, Vector3,
+    self, ConstantField, Corridor, CreateObjectRequest, DeleteObjectRequest, GetSceneRequest,
+    Guide, HalfSpace, Material, SceneObject, Sphere, UpdateObjectRequest, Vector3,
 };
 use tonic::transport::{Channel, Endpoint};
 use tonic::{Code, Status};
@@ -113,8 +113,23 @@ fn impossible() -> Vec<(SceneObject, &'static str)> {
         ),
         (sphere(-0.1), "object.sphere.radius_m = -0.1: must be a number in 0.0001 to 100 m"),
         (push(f64::NAN), "object.constant.force_n.x = NaN: must be a number in -1000 to 1000 N"),
+        (
+            SceneObject { kind: Some(Kind::Box(proto::Box::default())), ..good() },
+            "object.box.centre_m = (none): is required",
+        ),
+        (
+            SceneObject { kind: Some(Kind::Corridor(Corridor::default())), ..good() },
+            "object.corridor.points_m = 0 points: must be 2 to 64",
+        ),
+        (
+            SceneObject { kind: Some(Kind::Guide(Guide::default())), ..good() },
+            "object.guide.path = (none): one of point, line, plane is required",
+        ),
         (SceneObject { material: None, ..good() }, "object.material = (none): a surface needs"),
-        (SceneObject { hollow: true, ..push(1.0) }, "object.hollow = true: only a surface"),
+        (
+            SceneObject { hollow: true, ..push(1.0) },
+            "object.hollow = true: only a half-space, sphere, box or capsule",
+        ),
         (SceneObject::default(), "object.kind = (none): one of half_space, sphere"),
     ]
 }
