@@ -76,7 +76,7 @@ enum Action {
     #[command(after_help = "Example:
   hapticd ctl clear-fault")]
     ClearFault,
-    Object(object::ObjectCommand),
+    Object(Box<object::ObjectCommand>),
     Scene(scene_file::SceneCommand),
     Wall(wall::WallCommand),
     Hand(hand::Hand),

@@ -39,12 +39,12 @@ pub(super) fn check_kind(mut kind: ObjectKind) -> Result<ObjectKind, FieldError>
             units::RADIUS.check("capsule.radius_m", *radius_m)?;
         }
         ObjectKind::Corridor { points_m, radius_m } => {
-            check_points("corridor.points_m", points_m)?;
             if !(2..=MAX_CORRIDOR_POINTS).contains(&points_m.len()) {
                 let found = format!("{} points", points_m.len());
                 let allowed = format!("must be 2 to {MAX_CORRIDOR_POINTS}");
                 return Err(FieldError::new("corridor.points_m", found, allowed));
             }
+            check_points("corridor.points_m", points_m)?;
             units::GUIDE_RADIUS.check("corridor.radius_m", *radius_m)?;
         }
         ObjectKind::Guide { path, radius_m } => {

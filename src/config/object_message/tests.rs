@@ -247,7 +247,7 @@ fn felt_depth_m(x_m: impl IntoIterator<Item = f64>) -> Vec<f64> {
         let (sample, setpoint, now_ns) = (Ok(sample), &Setpoint::NONE, now_ms * 1_000_000);
         let input = TickInput { sample, setpoint, plan: &plan, now_ns, overruns_in_row: 0 };
         let report = tick(&mut state, &input).report;
-        report.contacts().first().map_or(0.0, |contact| f64::from(contact.depth_m))
+        report.contacts().first().map_or(0.0, |contact| contact.depth_m)
     };
     (1..).zip(x_m).map(&mut depth_m).collect()
 }
