@@ -6,6 +6,8 @@
 
 use std::fmt;
 
+use nalgebra::Vector3;
+
 /// One field that cannot be accepted, and why.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{field} = {value}: {allowed}")]
@@ -62,6 +64,14 @@ impl Range {
         }
     }
 
+    /// Each component of a vector, as `field.x` to `field.z`.
+    pub fn check_vector(&self, field: &str, vector: &Vector3<f64>) -> Result<(), FieldError> {
+        for (axis, &value) in ["x", "y", "z"].iter().zip(vector) {
+            self.check(&format!("{field}.{axis}"), value)?;
+        }
+        Ok(())
+    }
+
     /// The value as a count, when it is inside a range that holds no negative number.
     pub fn check_whole(&self, field: &str, value: i64) -> Result<u64, FieldError> {
         self.check(field, value as f64)?;
@@ -79,17 +89,29 @@ impl fmt::Display for Range {
 
 /// Position of anything in W: a building's worth.
 pub const POSITION: Range = Range::new(-100.0, 100.0, "m");
-/// Radius of a sphere.
+/// Radius of a body, or half of its edge.
 pub const RADIUS: Range = Range::new(1e-4, 100.0, "m");
+/// Room around a path that leads; 0: none.
+pub const GUIDE_RADIUS: Range = Range::new(0.0, 100.0, "m");
+/// Where a field ends; 0: nowhere.
+pub const FIELD_RADIUS: Range = Range::new(0.0, 100.0, "m");
 /// Stiffness of a surface; the wall of Cho 2005 has 1e7 N/m.
 pub const STIFFNESS: Range = Range::new(0.0, 1e9, "N/m");
 /// Damping of a surface or field.
 pub const DAMPING: Range = Range::new(0.0, 1e6, "N s/m");
 /// Coulomb friction coefficient.
 pub const FRICTION: Range = Range::new(0.0, 10.0, "(coefficient)");
-/// Component of a constant force.
+/// Component of the velocity of a surface.
+pub const SURFACE_VELOCITY: Range = Range::new(-100.0, 100.0, "m/s");
+/// Component of a force.
 pub const FORCE: Range = Range::new(-1000.0, 1000.0, "N");
-/// Length of a normal as written; it is brought to 1.
+/// Component of a moment.
+pub const MOMENT: Range = Range::new(-1000.0, 1000.0, "N m");
+/// Element of a matrix of stiffness; a coupling has either sign.
+pub const STIFFNESS_ELEMENT: Range = Range::new(-STIFFNESS.max, STIFFNESS.max, STIFFNESS.unit);
+/// Element of a matrix of damping.
+pub const DAMPING_ELEMENT: Range = Range::new(-DAMPING.max, DAMPING.max, DAMPING.unit);
+/// Length of a normal or direction as written; it is brought to 1.
 pub const NORMAL_LENGTH: Range = Range::new(1e-6, 1e6, "(length)");
 /// Length of a quaternion as written; it is brought to 1.
 pub const QUATERNION_LENGTH: Range = Range::new(0.99, 1.01, "(length)");

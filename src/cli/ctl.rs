@@ -4,7 +4,7 @@ use anyhow::{Context, bail, ensure};
 use clap::{Args, Subcommand};
 use serde_json::{Value, json};
 
-use super::{format, hand, sessions, wall};
+use super::{format, hand, object, scene_file, sessions, wall};
 use crate::client::{
     ConnectString, DEFAULT_GRPC_PORT, DEFAULT_STREAM_PORT, Services, ServicesError, services,
     services_in_plaintext, told,
@@ -21,7 +21,9 @@ use crate::proto::{
   hapticd ctl describe
   hapticd ctl state --watch
   hapticd ctl stop
-  hapticd ctl wall add table --point 0,0.4,0 --normal=0,-1,0 --stiffness 5000")]
+  hapticd ctl wall add table --point 0,0.4,0 --normal=0,-1,0 --stiffness 5000
+  hapticd ctl object add ball sphere --centre 0,0.3,0 --radius 0.02 --friction 0.3
+  hapticd ctl scene show")]
 pub struct Ctl {
     /// Where the server is: the line that `serve` prints, or HOST:PORT of its stream
     #[arg(long, global = true, value_name = "STRING", default_value = "127.0.0.1:7351")]
@@ -74,6 +76,8 @@ enum Action {
     #[command(after_help = "Example:
   hapticd ctl clear-fault")]
     ClearFault,
+    Object(Box<object::ObjectCommand>),
+    Scene(scene_file::SceneCommand),
     Wall(wall::WallCommand),
     #[command(subcommand)]
     Session(sessions::SessionCommand),
@@ -124,6 +128,12 @@ impl Ctl {
             }
             Action::Lease(command) => return command.run(&mut services.sessions, self.json).await,
             Action::Hand(hand) => return hand.run(&self.connect, &name).await,
+            Action::Object(command) => {
+                return command.run(&mut services.scenes, &name, self.json).await;
+            }
+            Action::Scene(command) => {
+                return command.run(&mut services.scenes, &name, self.json).await;
+            }
             Action::Wall(command) => {
                 return command.run(&mut services.scenes, &name, self.json).await;
             }

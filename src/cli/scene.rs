@@ -151,10 +151,10 @@ impl Wall {
             shape: Some(Shape::HalfSpace(half_space)),
             stiffness_n_per_m: self.stiffness,
             damping_ns_per_m: self.damping,
-            friction: self.friction,
-            hollow: false,
+            kinetic_friction: self.friction,
             // Nobody is pushed by a wall that appears around the tool: it holds where the tool is.
             blend_ms: 0,
+            ..Contact::default()
         }
     }
 }

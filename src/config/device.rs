@@ -144,6 +144,8 @@ fn check_start(
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector3;
+
     use super::*;
     use crate::actuation::ActuatorKind;
     use crate::device::SimulatedDevice;
@@ -297,6 +299,14 @@ mod tests {
             ("position_m = [0.0,", "position_m = [nan,", "mount.position_m[0] = NaN"),
             ("[0.0, 0.0, 0.0, 1.0]", "[0.0, 0.0, 0.0, 2.0]", "mount.orientation_xyzw = 2"),
             ("radius_m = 0.0", "radius_m = -0.1", "tool.radius_m = -0.1"),
+            ("points_m = []", "points_m = [[0, 0, 0], [0, 2, 0]]", "tool.points_m[1].y = 2"),
+            ("points_m = []", "points_m = [[nan, 0, 0]]", "tool.points_m[0].x = NaN"),
+            ("points_m = []", "points_m = [[0, 0]]", "tool.points_m: invalid length"),
+            (
+                "points_m = []",
+                "points_m = [[0,0,0],[0,0,0],[0,0,0],[0,0,0],[0,0,0],[0,0,0],[0,0,0],[0,0,0],[0,0,0]]",
+                "tool.points_m = 9 points: must be at most 8",
+            ),
             (
                 "rate_hz = 1000",
                 "rate_hz = 99",
@@ -328,6 +338,15 @@ mod tests {
         let device = DeviceDefinition::from_toml("mine", &links(4), "mine.toml").unwrap();
         assert!(device.mechanism.inertia_varies());
         assert!(refusal(&links(3)).contains("inertia.links = 3 entries: must be none or 4"));
+    }
+
+    #[test]
+    fn a_tool_has_the_points_that_its_file_says() {
+        assert!(DeviceDefinition::load("cho-2005").unwrap().tool.points_T_m().is_empty());
+        let text = changed("points_m = []", "points_m = [[0.03, 0.02, 0], [-0.03, 0.02, 0.01]]");
+        let device = DeviceDefinition::from_toml("mine", &text, "mine.toml").unwrap();
+        let points = [Vector3::new(0.03, 0.02, 0.0), Vector3::new(-0.03, 0.02, 0.01)];
+        assert_eq!(device.tool.points_T_m(), points);
     }
 
     #[test]

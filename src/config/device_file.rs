@@ -12,6 +12,7 @@ use super::linkage::{InertiaLayout, MechanismLayout};
 use crate::actuation::{ActuatorKind, Strategy};
 use crate::control::{Actuators, Guards, Mount, Tool};
 use crate::device::ForceSensor;
+use crate::environment::MAX_POINTS;
 use crate::notation::{ActuatorVector, MAX_ACTUATORS};
 use crate::units::{self, FieldError, Range};
 
@@ -101,6 +102,7 @@ impl Default for MountLayout {
 pub(super) struct ToolLayout {
     pub offset_m: [f64; 3],
     pub radius_m: f64,
+    pub points_m: Vec<[f64; 3]>,
 }
 
 /// `[control]`.
@@ -257,7 +259,17 @@ impl ToolLayout {
             units::TOOL_OFFSET.check(&format!("tool.offset_m[{i}]"), value)?;
         }
         let radius_m = units::TOOL_RADIUS.check("tool.radius_m", self.radius_m)?;
-        Ok(Tool { offset_B_m: Vector3::from(self.offset_m), radius_m, ..Tool::default() })
+        let point_count = self.points_m.len();
+        if point_count > MAX_POINTS {
+            let allowed = format!("must be at most {MAX_POINTS}");
+            return Err(FieldError::new("tool.points_m", format!("{point_count} points"), allowed));
+        }
+        let mut points_T_m = [Vector3::zeros(); MAX_POINTS];
+        for (i, (point_T_m, written)) in points_T_m.iter_mut().zip(&self.points_m).enumerate() {
+            *point_T_m = Vector3::from(*written);
+            units::TOOL_OFFSET.check_vector(&format!("tool.points_m[{i}]"), point_T_m)?;
+        }
+        Ok(Tool { offset_B_m: Vector3::from(self.offset_m), radius_m, points_T_m, point_count })
     }
 }
 

@@ -11,6 +11,9 @@ mod error;
 mod id;
 mod linkage;
 mod object;
+mod object_check;
+mod object_layout;
+mod object_message;
 mod plan;
 mod scene;
 mod scene_file;
@@ -22,10 +25,13 @@ mod server_layout;
 pub use device::{BUILT_IN, DeviceDefinition};
 pub use error::ConfigError;
 pub use id::Id;
-pub use object::{ObjectKind, SceneObject};
+pub use object::{GuidePath, ObjectKind, SceneObject};
+pub use object_layout::ObjectLayout;
+pub use object_message::{object_from_proto, object_to_proto};
 pub use plan::build_plan;
 pub use scene::{ExpectedRevision, Scene, SceneError};
 pub use scene_file::{SceneFile, StateDir, StateError};
+pub use scene_layout::{read_scene_objects, write_scene_objects};
 pub use served::{MAX_DEVICES, ServedDevice, load_devices};
 pub use server::{
     EXAMPLE, LogConfig, LogFormat, LogLevel, Overrides, RealtimePolicy, ServerConfig,

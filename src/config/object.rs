@@ -1,26 +1,24 @@
 //! One object of a resident scene, checked: the same door for gRPC, `ctl` and the scene file.
 //!
 //! Everything is in W, SI units. Field names in refusals are those of `scene.proto`, which
-//! the scene file uses too, so one message fits both. A surface (half-space, sphere) has a
-//! material; a field (constant, viscous) has none and cannot be hollow. Normals come in with
-//! any sensible length and are kept with length 1.
+//! the scene file uses too, so one message fits both. What has a surface (shapes, corridors,
+//! guides) has a material; a field has none. Only a shape can be hollow: a corridor or guide
+//! is felt from every side anyhow. What is brought to length 1 (normals, directions,
+//! orientations) is kept so. The ranges are in [`super::object_check`].
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
 use super::Id;
-use crate::environment::{Element, Material, Shape, Surface};
-use crate::units::{self, FieldError};
+use super::object_check::{check_kind, check_material};
+use crate::environment::{Corridor, Element, ForceField, Guide, Material, Shape, Surface};
+use crate::units::FieldError;
 
 /// A resident surface that appears or changes around the tool pushes nobody: it is felt as
 /// the tool moves out, not after a time.
 const BLEND_S: f64 = 0.0;
 
-/// A normal this close to length 1 is kept bit by bit, so that what was saved reads back
-/// the same.
-const UNIT_LENGTH_TOLERANCE: f64 = 1e-12;
-
-/// What an object is, and where.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// What an object is, and where. Lengths in metres, in W.
+#[derive(Clone, Debug, PartialEq)]
 pub enum ObjectKind {
     /// All points behind a plane.
     HalfSpace {
@@ -36,6 +34,36 @@ pub enum ObjectKind {
         /// Its radius.
         radius_m: f64,
     },
+    /// A rectangular block.
+    Box {
+        /// Its centre.
+        centre_m: Vector3<f64>,
+        /// Half of its edges, along its own axes.
+        half_extents_m: Vector3<f64>,
+        /// Turns its axes into W.
+        orientation: Quaternion<f64>,
+    },
+    /// All points within a radius of the line between two ends.
+    Capsule {
+        /// The two ends, which may be the same.
+        ends_m: [Vector3<f64>; 2],
+        /// Its radius.
+        radius_m: f64,
+    },
+    /// A polyline that the tool is led along.
+    Corridor {
+        /// 2 to 64 points.
+        points_m: Box<[Vector3<f64>]>,
+        /// The tool is free within it.
+        radius_m: f64,
+    },
+    /// A point, line or plane that the tool is led to or along.
+    Guide {
+        /// Which of them.
+        path: GuidePath,
+        /// The tool is free within it.
+        radius_m: f64,
+    },
     /// The same force everywhere.
     Constant {
         /// Newtons in W.
@@ -46,6 +74,60 @@ pub enum ObjectKind {
         /// Force per speed.
         damping_Ns_per_m: f64,
     },
+    /// A wrench, a spring and a damper about a place.
+    ForceField {
+        /// Where the wrench is the stated one at rest.
+        origin_m: Vector3<f64>,
+        /// Force there, newtons.
+        force_N: Vector3<f64>,
+        /// Moment about the tool point, newton metres.
+        moment_Nm: Vector3<f64>,
+        /// Force per displacement from the origin.
+        stiffness_N_per_m: Matrix3<f64>,
+        /// Force per velocity.
+        damping_Ns_per_m: Matrix3<f64>,
+        /// Beyond it there is nothing; 0: everywhere.
+        radius_m: f64,
+    },
+}
+
+/// What a guide leads to, or along.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum GuidePath {
+    /// One place.
+    Point {
+        /// That place.
+        point_m: Vector3<f64>,
+    },
+    /// A line without ends.
+    Line {
+        /// Any point of it.
+        point_m: Vector3<f64>,
+        /// Along it.
+        direction: Vector3<f64>,
+    },
+    /// A plane, felt from both sides.
+    Plane {
+        /// Any point of it.
+        point_m: Vector3<f64>,
+        /// Across it.
+        normal: Vector3<f64>,
+    },
+}
+
+impl ObjectKind {
+    /// True of what can be a sheet or shell.
+    fn is_shape(&self) -> bool {
+        matches!(
+            self,
+            Self::HalfSpace { .. } | Self::Sphere { .. } | Self::Box { .. } | Self::Capsule { .. }
+        )
+    }
+
+    /// True of what needs a material.
+    fn has_surface(&self) -> bool {
+        self.is_shape() || matches!(self, Self::Corridor { .. } | Self::Guide { .. })
+    }
 }
 
 /// A checked object.
@@ -67,14 +149,20 @@ impl SceneObject {
         hollow: bool,
     ) -> Result<Self, FieldError> {
         let kind = check_kind(kind)?;
-        let surface = matches!(kind, ObjectKind::HalfSpace { .. } | ObjectKind::Sphere { .. });
         let refuse = |field, value: &str, allowed| Err(FieldError::new(field, value, allowed));
         match &material {
-            None if surface => return refuse("material", "(none)", "a surface needs a material"),
-            Some(_) if !surface => return refuse("material", "(set)", "a field has no material"),
+            None if kind.has_surface() => {
+                return refuse("material", "(none)", "a surface needs a material");
+            }
+            Some(_) if !kind.has_surface() => {
+                return refuse("material", "(set)", "a field has no material");
+            }
             Some(material) => check_material(material)?,
-            None if hollow => return refuse("hollow", "true", "only a surface can be hollow"),
             None => {}
+        }
+        if hollow && !kind.is_shape() {
+            let allowed = "only a half-space, sphere, box or capsule can be hollow";
+            return refuse("hollow", "true", allowed);
         }
         Ok(Self { id, kind, material, hollow, revision: 0 })
     }
@@ -83,6 +171,12 @@ impl SceneObject {
     #[must_use]
     pub(super) fn at_revision(self, revision: u64) -> Self {
         Self { revision, ..self }
+    }
+
+    /// True where only the revisions may differ.
+    pub(super) fn is_same(&self, other: &Self) -> bool {
+        let Self { id, kind, material, hollow, revision: _ } = self;
+        (id, kind, material, hollow) == (&other.id, &other.kind, &other.material, &other.hollow)
     }
 
     /// Its identifier, unique in the scene.
@@ -112,71 +206,71 @@ impl SceneObject {
 
     /// The object as the loop knows it.
     pub(super) fn element(&self) -> Element {
-        let shape = match self.kind {
+        let material = self.material.unwrap_or_default();
+        let shape = match &self.kind {
             ObjectKind::HalfSpace { point_m, normal } => {
-                Shape::HalfSpace { point_W_m: point_m, normal_W: normal }
+                Shape::HalfSpace { point_W_m: *point_m, normal_W: *normal }
             }
             ObjectKind::Sphere { centre_m, radius_m } => {
-                Shape::Sphere { centre_W_m: centre_m, radius_m }
+                Shape::Sphere { centre_W_m: *centre_m, radius_m: *radius_m }
+            }
+            ObjectKind::Box { centre_m, half_extents_m, orientation } => Shape::Box {
+                centre_W_m: *centre_m,
+                q_WS: UnitQuaternion::new_unchecked(*orientation),
+                half_extents_m: *half_extents_m,
+            },
+            ObjectKind::Capsule { ends_m, radius_m } => {
+                Shape::Capsule { ends_W_m: *ends_m, radius_m: *radius_m }
+            }
+            ObjectKind::Guide { path, radius_m } => {
+                Shape::Guide { path: path.in_W(), radius_m: *radius_m }
+            }
+            ObjectKind::Corridor { points_m, radius_m } => {
+                let corridor = Corridor::new(points_m.clone(), *radius_m, material, BLEND_S);
+                // Checked to have points enough; a corridor of none leads nowhere.
+                let nowhere = Element::ViscousField { damping_Ns_per_m: 0.0 };
+                return corridor.map_or(nowhere, Element::Corridor);
             }
             ObjectKind::Constant { force_N } => {
-                return Element::ConstantField { force_W_N: force_N };
+                return Element::ConstantField { force_W_N: *force_N };
             }
             ObjectKind::Viscous { damping_Ns_per_m } => {
-                return Element::ViscousField { damping_Ns_per_m };
+                return Element::ViscousField { damping_Ns_per_m: *damping_Ns_per_m };
+            }
+            ObjectKind::ForceField {
+                origin_m,
+                force_N,
+                moment_Nm,
+                stiffness_N_per_m,
+                damping_Ns_per_m,
+                radius_m,
+            } => {
+                return Element::ForceField(ForceField {
+                    origin_W_m: *origin_m,
+                    force_W_N: *force_N,
+                    moment_W_Nm: *moment_Nm,
+                    stiffness_N_per_m: *stiffness_N_per_m,
+                    damping_Ns_per_m: *damping_Ns_per_m,
+                    radius_m: if *radius_m == 0.0 { f64::INFINITY } else { *radius_m },
+                });
             }
         };
-        let material = self.material.unwrap_or_default();
         Element::Surface(Surface { shape, material, hollow: self.hollow, blend_s: BLEND_S })
     }
 }
 
-fn check_kind(kind: ObjectKind) -> Result<ObjectKind, FieldError> {
-    match kind {
-        ObjectKind::HalfSpace { point_m, normal } => {
-            check_vector("half_space.point_m", &point_m, &units::POSITION)?;
-            let normal = unit("half_space.normal", &normal)?;
-            Ok(ObjectKind::HalfSpace { point_m, normal })
-        }
-        ObjectKind::Sphere { centre_m, radius_m } => {
-            check_vector("sphere.centre_m", &centre_m, &units::POSITION)?;
-            units::RADIUS.check("sphere.radius_m", radius_m)?;
-            Ok(kind)
-        }
-        ObjectKind::Constant { force_N } => {
-            check_vector("constant.force_n", &force_N, &units::FORCE)?;
-            Ok(kind)
-        }
-        ObjectKind::Viscous { damping_Ns_per_m } => {
-            units::DAMPING.check("viscous.damping_ns_per_m", damping_Ns_per_m)?;
-            Ok(kind)
+impl GuidePath {
+    fn in_W(self) -> Guide {
+        match self {
+            Self::Point { point_m } => Guide::Point { point_W_m: point_m },
+            Self::Line { point_m, direction } => {
+                Guide::Line { point_W_m: point_m, direction_W: direction }
+            }
+            Self::Plane { point_m, normal } => {
+                Guide::Plane { point_W_m: point_m, normal_W: normal }
+            }
         }
     }
-}
-
-fn check_material(material: &Material) -> Result<(), FieldError> {
-    let Material { stiffness_N_per_m, damping_Ns_per_m, static_friction, .. } = *material;
-    units::STIFFNESS.check("material.stiffness_n_per_m", stiffness_N_per_m)?;
-    units::DAMPING.check("material.damping_ns_per_m", damping_Ns_per_m)?;
-    units::FRICTION.check("material.friction", static_friction)?;
-    Ok(())
-}
-
-fn check_vector(
-    field: &str,
-    vector: &Vector3<f64>,
-    range: &units::Range,
-) -> Result<(), FieldError> {
-    for (axis, &value) in ["x", "y", "z"].iter().zip(vector) {
-        range.check(&format!("{field}.{axis}"), value)?;
-    }
-    Ok(())
-}
-
-fn unit(field: &str, vector: &Vector3<f64>) -> Result<Vector3<f64>, FieldError> {
-    let length = units::NORMAL_LENGTH.check(field, vector.norm())?;
-    let is_unit = (length - 1.0).abs() <= UNIT_LENGTH_TOLERANCE;
-    Ok(if is_unit { *vector } else { vector / length })
 }
 
 #[cfg(test)]
@@ -186,77 +280,67 @@ mod tests {
     const STIFF: Material = Material {
         stiffness_N_per_m: 1e7,
         damping_Ns_per_m: 10.0,
-        static_friction: 0.2,
+        static_friction: 0.3,
         kinetic_friction: 0.2,
-        surface_velocity_W_m_per_s: Vector3::new(0.0, 0.0, 0.0),
+        surface_velocity_W_m_per_s: Vector3::new(0.0, 0.1, 0.0),
     };
 
     fn object(kind: ObjectKind, material: Option<Material>) -> Result<SceneObject, FieldError> {
         SceneObject::new(Id::parse("id", "thing").unwrap(), kind, material, false)
     }
 
-    fn wall(normal: Vector3<f64>) -> ObjectKind {
-        ObjectKind::HalfSpace { point_m: Vector3::new(0.3, 0.0, 0.0), normal }
-    }
-
     #[test]
-    fn a_normal_comes_out_with_length_one_and_stays_as_it_is() {
-        let normal = Vector3::new(-3.0, 4.0, 0.1);
-        let once = object(wall(normal), Some(STIFF)).unwrap();
-        let ObjectKind::HalfSpace { normal: unit, .. } = *once.kind() else { panic!() };
-        assert!((unit.norm() - 1.0).abs() < 1e-15 && unit.cross(&normal).norm() < 1e-15);
-        assert_eq!(object(*once.kind(), Some(STIFF)).unwrap(), once);
-    }
-
-    #[test]
-    fn each_field_is_refused_by_its_name() {
-        let x = |x| Vector3::new(x, 0.0, 0.0);
-        let sphere = |x_m, radius_m| ObjectKind::Sphere { centre_m: x(x_m), radius_m };
-        let material = |stiffness, damping, friction| {
-            let surface = Material {
-                stiffness_N_per_m: stiffness,
-                damping_Ns_per_m: damping,
-                ..STIFF.with_friction(friction)
-            };
-            object(wall(-Vector3::x()), Some(surface))
-        };
-        let refusals = [
-            (object(wall(x(0.0)), Some(STIFF)), "half_space.normal"),
-            (object(wall(x(f64::NAN)), Some(STIFF)), "half_space.normal"),
-            (object(wall(x(1e200)), Some(STIFF)), "half_space.normal"),
-            (object(sphere(101.0, 0.1), Some(STIFF)), "sphere.centre_m.x"),
-            (object(sphere(0.0, 0.0), Some(STIFF)), "sphere.radius_m"),
-            (object(sphere(0.0, f64::INFINITY), Some(STIFF)), "sphere.radius_m"),
-            (object(ObjectKind::Constant { force_N: x(f64::NAN) }, None), "constant.force_n.x"),
-            (
-                object(ObjectKind::Viscous { damping_Ns_per_m: -1.0 }, None),
-                "viscous.damping_ns_per_m",
-            ),
-            (material(-1.0, 0.0, 0.0), "material.stiffness_n_per_m"),
-            (material(f64::NAN, 0.0, 0.0), "material.stiffness_n_per_m"),
-            (material(0.0, -1.0, 0.0), "material.damping_ns_per_m"),
-            (material(0.0, 0.0, 11.0), "material.friction"),
-            (object(sphere(0.0, 0.1), None), "material"),
-            (object(ObjectKind::Viscous { damping_Ns_per_m: 1.0 }, Some(STIFF)), "material"),
-        ];
-        for (refused, field) in refusals {
-            assert_eq!(refused.unwrap_err().field, field);
+    fn a_material_belongs_to_surfaces_and_a_hollow_to_shapes() {
+        let point_m = Vector3::new(0.3, 0.0, 0.0);
+        let path = GuidePath::Point { point_m };
+        let guide = ObjectKind::Guide { path, radius_m: 0.0 };
+        let corridor = ObjectKind::Corridor { points_m: [point_m; 2].into(), radius_m: 0.0 };
+        let air = ObjectKind::Viscous { damping_Ns_per_m: 1.0 };
+        let wall = ObjectKind::HalfSpace { point_m, normal: Vector3::x() };
+        for (kind, surface, shape) in
+            [(wall, true, true), (guide, true, false), (corridor, true, false), (air, false, false)]
+        {
+            for material in [None, Some(STIFF)] {
+                let made = object(kind.clone(), material);
+                assert_eq!(made.is_ok(), surface == material.is_some(), "{kind:?}");
+                assert!(made.is_ok() || made.unwrap_err().field == "material");
+            }
+            let id = Id::parse("id", "thing").unwrap();
+            let hollow = SceneObject::new(id, kind.clone(), surface.then_some(STIFF), true);
+            assert_eq!(hollow.is_ok(), shape, "{kind:?}");
+            assert!(shape || hollow.unwrap_err().field == "hollow");
         }
-        let id = Id::parse("id", "air").unwrap();
-        let hollow =
-            SceneObject::new(id, ObjectKind::Viscous { damping_Ns_per_m: 1.0 }, None, true);
-        assert_eq!(hollow.unwrap_err().field, "hollow");
     }
 
     #[test]
     fn the_loop_sees_the_same_thing() {
-        let sphere = ObjectKind::Sphere { centre_m: Vector3::y(), radius_m: 0.1 };
-        let Element::Surface(surface) = object(sphere, Some(STIFF)).unwrap().element() else {
-            panic!("a sphere is a surface")
+        let turn = UnitQuaternion::from_euler_angles(0.1, 0.2, 0.3);
+        let (centre_m, half_extents_m) = (Vector3::y(), Vector3::new(0.1, 0.2, 0.001));
+        let kind = ObjectKind::Box { centre_m, half_extents_m, orientation: *turn.quaternion() };
+        let Element::Surface(surface) = object(kind, Some(STIFF)).unwrap().element() else {
+            panic!("a box is a surface")
         };
-        let shape = Shape::Sphere { centre_W_m: Vector3::y(), radius_m: 0.1 };
+        let shape = Shape::Box { centre_W_m: centre_m, q_WS: turn, half_extents_m };
         assert_eq!((surface.shape, surface.material), (shape, STIFF));
         let field = object(ObjectKind::Constant { force_N: Vector3::z() }, None).unwrap();
         assert_eq!(field.element(), Element::ConstantField { force_W_N: Vector3::z() });
+    }
+
+    #[test]
+    fn a_field_of_radius_zero_is_everywhere() {
+        for (radius_m, felt_m) in [(0.0, f64::INFINITY), (0.25, 0.25)] {
+            let field = ObjectKind::ForceField {
+                origin_m: Vector3::x(),
+                force_N: Vector3::y(),
+                moment_Nm: Vector3::z(),
+                stiffness_N_per_m: Matrix3::identity(),
+                damping_Ns_per_m: Matrix3::zeros(),
+                radius_m,
+            };
+            let Element::ForceField(field) = object(field, None).unwrap().element() else {
+                panic!("it is a field")
+            };
+            assert_eq!((field.radius_m, field.origin_W_m), (felt_m, Vector3::x()));
+        }
     }
 }

@@ -6,7 +6,7 @@
 //! An edit that is refused leaves the scene untouched; whoever wants to save first edits a
 //! clone and keeps it only when saving succeeded. No file and no lock here.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::num::NonZeroU64;
 
 use super::{Id, SceneObject};
@@ -162,6 +162,52 @@ impl Scene {
         Ok(self.revision)
     }
 
+    /// Replaces all objects at once; the scene's new revision. One that is equal to the
+    /// object of its identifier stays as it is; one that is not keeps its slot. The slots of
+    /// those that go are taken only when no other is left: their state is not for newcomers.
+    pub fn replace(
+        &mut self,
+        objects: Vec<SceneObject>,
+        expected: ExpectedRevision,
+    ) -> Result<u64, SceneError> {
+        self.check_revision(expected)?;
+        if objects.len() > MAX_OBJECTS {
+            return Err(SceneError::Full { max: MAX_OBJECTS });
+        }
+        let mut next = Self { revision: self.revision + 1, objects: BTreeMap::new() };
+        let mut new = Vec::new();
+        let mut ids = BTreeSet::new();
+        for (i, object) in objects.into_iter().enumerate() {
+            if !ids.insert(object.id().clone()) {
+                let field = format!("objects[{i}].name");
+                return Err(FieldError::new(field, object.id(), "must be unique").into());
+            }
+            match self.objects.get(object.id()) {
+                Some(kept) => next.keep(kept, object),
+                None => new.push(object),
+            }
+        }
+        let last = self.used();
+        for object in new {
+            let used = next.used();
+            let untouched = std::array::from_fn(|slot| used[slot] || last[slot]);
+            let slot = first_free(&untouched).or_else(|| first_free(&used));
+            let slot = slot.ok_or(SceneError::Full { max: MAX_OBJECTS })?;
+            let object = object.at_revision(next.revision);
+            next.objects.insert(object.id().clone(), Placed { slot, object });
+        }
+        *self = next;
+        Ok(self.revision)
+    }
+
+    /// Takes over an object, or another one of its identifier, into the same slot.
+    fn keep(&mut self, kept: &Placed, object: SceneObject) {
+        let Placed { slot, object: last } = kept;
+        let same = last.is_same(&object);
+        let object = object.at_revision(if same { last.revision() } else { self.revision });
+        self.objects.insert(object.id().clone(), Placed { slot: *slot, object });
+    }
+
     /// Removes an object; the scene's new revision.
     pub fn delete(&mut self, name: &str, expected: ExpectedRevision) -> Result<u64, SceneError> {
         self.check_revision(expected)?;
@@ -195,13 +241,21 @@ impl Scene {
     }
 
     fn free_slot(&self) -> Option<u16> {
+        first_free(&self.used())
+    }
+
+    fn used(&self) -> [bool; MAX_OBJECTS] {
         let mut used = [false; MAX_OBJECTS];
         for slot in self.slots() {
             used[usize::from(slot)] = true;
         }
-        let free = used.iter().position(|used| !used)?;
-        u16::try_from(free).ok()
+        used
     }
+}
+
+fn first_free(used: &[bool; MAX_OBJECTS]) -> Option<u16> {
+    let free = used.iter().position(|used| !used)?;
+    u16::try_from(free).ok()
 }
 
 fn not_found(name: &str) -> SceneError {
@@ -273,6 +327,48 @@ pub(super) mod tests {
         scene.delete("w7", None).unwrap();
         scene.create(wall("more", 0.3), None).unwrap();
         assert_eq!(scene.placed()[7].1.id().as_str(), "more");
+    }
+
+    #[test]
+    fn what_is_equal_in_a_new_scene_stays_as_it_was() {
+        let mut scene = Scene::default();
+        for id in ["a", "b", "c"] {
+            scene.create(wall(id, 0.3), None).unwrap();
+        }
+        // Written in another order: b is the same, c is another, a goes, d comes.
+        let next = vec![wall("d", 0.1), wall("c", 0.4), wall("b", 0.3)];
+        assert_eq!(scene.replace(next, revision(4)), Ok(5));
+        let placed = scene.placed();
+        let found: Vec<_> = placed
+            .iter()
+            .map(|(slot, object)| (*slot, object.id().as_str(), object.revision()))
+            .collect();
+        assert_eq!(found, [(1, "b", 3), (2, "c", 5), (3, "d", 5)], "nobody takes the slot of a");
+        assert_eq!(scene.replace(vec![], None), Ok(6));
+        assert_eq!(scene.list().count(), 0);
+    }
+
+    #[test]
+    fn a_new_scene_that_cannot_be_changes_nothing() {
+        let mut scene = Scene::default();
+        scene.create(wall("a", 0.3), None).unwrap();
+        let before = scene.clone();
+        let stale = SceneError::StaleRevision { expected: 1, actual: 2 };
+        assert_eq!(scene.replace(vec![], revision(1)), Err(stale));
+        let twins = vec![wall("a", 0.1), wall("b", 0.1), wall("a", 0.2)];
+        let refused = scene.replace(twins, None).unwrap_err().to_string();
+        assert_eq!(refused, "objects[2].name = a: must be unique");
+        let many = |from: usize, count: usize| -> Vec<_> {
+            (from..from + count).map(|i| wall(&format!("w{i}"), 0.3)).collect()
+        };
+        let full = Err(SceneError::Full { max: MAX_OBJECTS });
+        assert_eq!(scene.replace(many(0, MAX_OBJECTS + 1), None), full);
+        assert_eq!(scene, before);
+        // A full scene gives way to another full one.
+        scene.replace(many(0, MAX_OBJECTS), None).unwrap();
+        scene.replace(many(100, MAX_OBJECTS), None).unwrap();
+        assert_eq!(scene.placed().len(), MAX_OBJECTS);
+        assert_eq!(scene.get("w255").unwrap().revision(), 3, "it was there before");
     }
 
     #[test]

@@ -170,21 +170,24 @@ fn io_error(path: &Path, action: &'static str) -> impl FnOnce(io::Error) -> Stat
 mod tests {
     use std::os::unix::fs::PermissionsExt;
 
-    use nalgebra::Vector3;
+    use nalgebra::{Quaternion, Vector3};
 
     use super::super::scene::tests::wall;
     use super::*;
     use crate::config::{ObjectKind, SceneObject};
     use crate::environment::Material;
 
-    /// A scene with every kind of object and awkward numbers.
+    /// A scene with surfaces and a field, with awkward numbers.
     fn scene() -> Scene {
         let mut scene = Scene::default();
         let material = Material {
             stiffness_N_per_m: 0.1 + 0.2,
             damping_Ns_per_m: 1e-7,
-            ..Material::default().with_friction(1.0 / 3.0)
+            kinetic_friction: 1.0 / 3.0,
+            static_friction: 2.0 / 3.0,
+            surface_velocity_W_m_per_s: Vector3::new(0.0, 1e-300, -0.7),
         };
+        let orientation = Quaternion::new(0.1, 0.2, 0.3, 0.4).normalize();
         let kinds = [
             (ObjectKind::Constant { force_N: Vector3::new(-0.0, 1e-300, -999.9) }, None),
             (ObjectKind::Viscous { damping_Ns_per_m: 5.0 }, None),
@@ -193,9 +196,10 @@ mod tests {
                 Some(material),
             ),
             (
-                ObjectKind::HalfSpace {
-                    point_m: Vector3::x(),
-                    normal: Vector3::new(1.0, 2.0, 3.0),
+                ObjectKind::Box {
+                    centre_m: Vector3::x(),
+                    half_extents_m: Vector3::new(1.0, 2.0, 3.0),
+                    orientation,
                 },
                 Some(material),
             ),
@@ -250,6 +254,8 @@ mod tests {
         for (from, to, named) in [
             ("radius_m = 0.05", "radius_m = -0.05", "object[1].sphere.radius_m = -0.05"),
             ("friction = 0.3", "friction = nan # 0.3", "friction = NaN"),
+            ("friction = 0.6", "friction = 0.1 # ", "static_friction = 0.1: must be at least"),
+            ("orientation = [", "orientation = [0, 0, 0, 0] # ", "object[2].box.orientation = 0"),
             ("slot = 2", "slot = 300", "slot = 300"),
             ("slot = 2", "slot = 1", "slot = 1"),
             ("id = \"wall\"", "id = \"o3\"", "id = o3"),
@@ -270,6 +276,32 @@ mod tests {
             assert!(error.contains("scene.toml") && error.contains(named), "{error}");
             assert_eq!(fs::read_to_string(&file.path).unwrap(), broken);
         }
+    }
+
+    /// What the first releases wrote: one friction, and no more kinds than four.
+    #[test]
+    fn a_scene_written_before_is_still_read() {
+        let directory = directory();
+        let text = "# A scene of hapticd. Edit it only while the server is stopped.\n\
+            revision = 3\n\n[[object]]\nid = \"table\"\nslot = 0\nrevision = 2\nhollow = false\n\n\
+            [object.half_space]\npoint_m = [0.0, 0.4, 0.0]\nnormal = [0.0, -1.0, 0.0]\n\n\
+            [object.material]\nstiffness_n_per_m = 5000.0\ndamping_ns_per_m = 1.0\n\
+            friction = 0.25\n# end of scene\n";
+        fs::write(directory.path().join(SCENE), text).unwrap();
+        let (mut file, scene) = SceneFile::open(directory.path()).unwrap();
+        let material = *scene.get("table").unwrap().material().unwrap();
+        let expected = Material {
+            stiffness_N_per_m: 5000.0,
+            damping_Ns_per_m: 1.0,
+            ..Material::default().with_friction(0.25)
+        };
+        assert_eq!((scene.revision(), material), (3, expected));
+        file.save(&scene).unwrap();
+        assert_eq!(SceneFile::open(directory.path()).unwrap().1, scene);
+        let both = text.replace("friction = 0.25", "friction = 0.25\nkinetic_friction = 0.25");
+        fs::write(directory.path().join(SCENE), both).unwrap();
+        let error = SceneFile::open(directory.path()).unwrap_err().to_string();
+        assert!(error.contains("object[0].material.friction = 0.25: means"), "{error}");
     }
 
     #[test]

@@ -1,19 +1,21 @@
-//! The TOML of a scene file: a layout for each kind of object, and the way in and out.
+//! The TOML of scenes: the server's own file, and the file that people write for `ctl`.
 //!
-//! Keys are those of `scene.proto`. Numbers are written so that they read back bit by bit.
-//! The last line says that the text is whole; without it [`SceneTextError::CutShort`].
+//! Both are rows of [`ObjectLayout`]. The server's has revisions and slots as well, and its
+//! last line says that the text is whole; without it [`SceneTextError::CutShort`]. In a file
+//! of people's own there is neither; where they give a copy of the server's, its revisions and
+//! slots are passed over. An empty one is a mistake: no objects is `object = []`. Numbers are written so that they read back bit by bit.
 
-use nalgebra::Vector3;
+use std::collections::BTreeSet;
+
 use serde::{Deserialize, Serialize};
 
 use super::error::{self, ConfigError};
-use super::{Id, ObjectKind, Scene, SceneObject};
-use crate::environment::Material;
+use super::{ObjectLayout, Scene, SceneObject};
 use crate::units::{self, FieldError};
 
 const FIRST_LINE: &str = "# A scene of hapticd. Edit it only while the server is stopped.\n";
 
-/// Closes every whole file.
+/// Closes every whole file of the server's own.
 pub(super) const LAST_LINE: &str = "# end of scene";
 
 /// Why a text is no scene.
@@ -29,160 +31,89 @@ pub(super) enum SceneTextError {
 #[derive(Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 struct Layout {
-    revision: i64,
-    #[serde(default, rename = "object", skip_serializing_if = "Vec::is_empty")]
-    objects: Vec<ObjectLayout>,
-}
-
-#[derive(Deserialize, Serialize)]
-#[serde(deny_unknown_fields)]
-struct ObjectLayout {
-    id: String,
-    slot: i64,
-    revision: i64,
-    #[serde(default)]
-    hollow: bool,
-    half_space: Option<HalfSpaceLayout>,
-    sphere: Option<SphereLayout>,
-    constant: Option<ConstantLayout>,
-    viscous: Option<ViscousLayout>,
-    material: Option<MaterialLayout>,
-}
-
-#[derive(Deserialize, Serialize)]
-#[serde(deny_unknown_fields)]
-struct HalfSpaceLayout {
-    point_m: [f64; 3],
-    normal: [f64; 3],
-}
-
-#[derive(Deserialize, Serialize)]
-#[serde(deny_unknown_fields)]
-struct SphereLayout {
-    centre_m: [f64; 3],
-    radius_m: f64,
-}
-
-#[derive(Deserialize, Serialize)]
-#[serde(deny_unknown_fields)]
-struct ConstantLayout {
-    force_n: [f64; 3],
-}
-
-#[derive(Deserialize, Serialize)]
-#[serde(deny_unknown_fields)]
-struct ViscousLayout {
-    damping_ns_per_m: f64,
-}
-
-#[derive(Deserialize, Serialize)]
-#[serde(deny_unknown_fields)]
-struct MaterialLayout {
-    stiffness_n_per_m: f64,
-    damping_ns_per_m: f64,
-    friction: f64,
-}
-
-/// The scene in the text of a file; `file` is for messages only.
-pub(super) fn read_scene(text: &str, file: &str) -> Result<Scene, SceneTextError> {
-    if text.lines().next_back().map(str::trim_end) != Some(LAST_LINE) {
-        return Err(SceneTextError::CutShort);
-    }
-    let layout: Layout = error::parse(text, file).map_err(SceneTextError::Malformed)?;
-    let scene = read_objects(layout.objects).and_then(|objects| {
-        let revision = REVISION.check_whole("revision", layout.revision)?;
-        Scene::restore(revision, objects)
-    });
-    scene.map_err(ConfigError::field(file)).map_err(SceneTextError::Malformed)
+    #[serde(skip_serializing_if = "Option::is_none")]
+    revision: Option<i64>,
+    #[serde(rename = "object", skip_serializing_if = "Option::is_none")]
+    objects: Option<Vec<ObjectLayout>>,
 }
 
 /// Revisions that survive both TOML's integers and a range's floating-point ends.
 const REVISION: units::Range = units::Range::new(1.0, 9_007_199_254_740_991.0, "(revision)");
 const SLOT: units::Range = units::Range::new(0.0, 255.0, "(slot)");
 
-fn read_objects(layouts: Vec<ObjectLayout>) -> Result<Vec<(u16, SceneObject)>, FieldError> {
+/// The scene in the text of the server's file; `file` is for messages only.
+pub(super) fn read_scene(text: &str, file: &str) -> Result<Scene, SceneTextError> {
+    if text.lines().next_back().map(str::trim_end) != Some(LAST_LINE) {
+        return Err(SceneTextError::CutShort);
+    }
+    let layout: Layout = error::parse(text, file).map_err(SceneTextError::Malformed)?;
+    let scene = read_objects(layout.objects.unwrap_or_default(), read_placed).and_then(|objects| {
+        let revision = kept(&REVISION, "revision", layout.revision)?;
+        Scene::restore(revision, objects)
+    });
+    scene.map_err(ConfigError::field(file)).map_err(SceneTextError::Malformed)
+}
+
+/// The objects in the text of somebody's own file, in their order and each with a name of its
+/// own; `file` is for messages only.
+pub fn read_scene_objects(text: &str, file: &str) -> Result<Vec<SceneObject>, ConfigError> {
+    let layout: Layout = error::parse(text, file)?;
+    let missing = || FieldError::new("object", "(none)", "an empty scene says `object = []`");
+    let objects = layout.objects.ok_or_else(missing);
+    let objects = objects.and_then(|objects| read_objects(objects, ObjectLayout::check));
+    let distinct = objects.and_then(|objects| {
+        let mut ids = BTreeSet::new();
+        match objects.iter().enumerate().find(|(_, object)| !ids.insert(object.id())) {
+            Some((i, twin)) => {
+                Err(FieldError::new(format!("object[{i}].id"), twin.id(), "must be unique"))
+            }
+            None => Ok(objects),
+        }
+    });
+    distinct.map_err(ConfigError::field(file))
+}
+
+fn read_objects<T>(
+    layouts: Vec<ObjectLayout>,
+    read: impl Fn(ObjectLayout) -> Result<T, FieldError>,
+) -> Result<Vec<T>, FieldError> {
     let read = |(i, layout)| {
         let outer = format!("object[{i}]");
-        read_object(layout).map_err(|refusal| refusal.within(&outer))
+        read(layout).map_err(|refusal| refusal.within(&outer))
     };
     layouts.into_iter().enumerate().map(read).collect()
 }
 
-fn read_object(layout: ObjectLayout) -> Result<(u16, SceneObject), FieldError> {
-    let id = Id::parse("id", &layout.id)?;
-    let slot = SLOT.check_whole("slot", layout.slot)? as u16;
-    let revision = REVISION.check_whole("revision", layout.revision)?;
-    let kinds = [
-        layout.half_space.map(|shape| ObjectKind::HalfSpace {
-            point_m: Vector3::from(shape.point_m),
-            normal: Vector3::from(shape.normal),
-        }),
-        layout.sphere.map(|shape| ObjectKind::Sphere {
-            centre_m: Vector3::from(shape.centre_m),
-            radius_m: shape.radius_m,
-        }),
-        layout.constant.map(|field| ObjectKind::Constant { force_N: Vector3::from(field.force_n) }),
-        layout
-            .viscous
-            .map(|field| ObjectKind::Viscous { damping_Ns_per_m: field.damping_ns_per_m }),
-    ];
-    let mut kinds = kinds.into_iter().flatten();
-    let (Some(kind), None) = (kinds.next(), kinds.next()) else {
-        let allowed = "must have exactly one of half_space, sphere, constant, viscous";
-        return Err(FieldError::new("kind", layout.id, allowed));
-    };
-    let material = layout.material.map(|material| Material {
-        stiffness_N_per_m: material.stiffness_n_per_m,
-        damping_Ns_per_m: material.damping_ns_per_m,
-        ..Material::default().with_friction(material.friction)
-    });
-    let object = SceneObject::new(id, kind, material, layout.hollow)?;
-    Ok((slot, object.at_revision(revision)))
+fn read_placed(layout: ObjectLayout) -> Result<(u16, SceneObject), FieldError> {
+    let slot = kept(&SLOT, "slot", layout.slot)? as u16;
+    let revision = kept(&REVISION, "revision", layout.revision)?;
+    Ok((slot, layout.check()?.at_revision(revision)))
 }
 
-/// The text of a scene. Only a revision beyond TOML's integers has none.
+fn kept(range: &units::Range, field: &str, value: Option<i64>) -> Result<u64, FieldError> {
+    let missing = || FieldError::new(field, "(missing)", "the server's own file has it");
+    range.check_whole(field, value.ok_or_else(missing)?)
+}
+
+/// The text of the server's file. Only a revision beyond TOML's integers has none.
 pub(super) fn write_scene(
     scene: &Scene,
 ) -> Result<String, Box<dyn std::error::Error + Send + Sync>> {
-    let objects = scene.placed().into_iter().map(|(slot, object)| write_object(slot, object));
-    let objects = objects.collect::<Result<_, _>>()?;
-    let layout = Layout { revision: scene.revision().try_into()?, objects };
+    let objects = scene.placed().into_iter().map(|(slot, object)| {
+        let mut layout = ObjectLayout::from(object);
+        (layout.slot, layout.revision) = (Some(slot.into()), Some(object.revision().try_into()?));
+        Ok(layout)
+    });
+    let objects = objects.collect::<Result<Vec<_>, std::num::TryFromIntError>>()?;
+    let objects = Some(objects).filter(|objects| !objects.is_empty());
+    let layout = Layout { revision: Some(scene.revision().try_into()?), objects };
     Ok(format!("{FIRST_LINE}{}{LAST_LINE}\n", toml::to_string(&layout)?))
 }
 
-fn write_object(
-    slot: u16,
-    object: &SceneObject,
-) -> Result<ObjectLayout, std::num::TryFromIntError> {
-    let mut layout = ObjectLayout {
-        id: object.id().to_string(),
-        slot: slot.into(),
-        revision: object.revision().try_into()?,
-        hollow: object.hollow(),
-        half_space: None,
-        sphere: None,
-        constant: None,
-        viscous: None,
-        material: object.material().map(|material| MaterialLayout {
-            stiffness_n_per_m: material.stiffness_N_per_m,
-            damping_ns_per_m: material.damping_Ns_per_m,
-            friction: material.static_friction,
-        }),
-    };
-    match *object.kind() {
-        ObjectKind::HalfSpace { point_m, normal } => {
-            let (point_m, normal) = (point_m.into(), normal.into());
-            layout.half_space = Some(HalfSpaceLayout { point_m, normal });
-        }
-        ObjectKind::Sphere { centre_m, radius_m } => {
-            layout.sphere = Some(SphereLayout { centre_m: centre_m.into(), radius_m });
-        }
-        ObjectKind::Constant { force_N } => {
-            layout.constant = Some(ConstantLayout { force_n: force_N.into() });
-        }
-        ObjectKind::Viscous { damping_Ns_per_m } => {
-            layout.viscous = Some(ViscousLayout { damping_ns_per_m: damping_Ns_per_m });
-        }
-    }
-    Ok(layout)
+/// The text that [`read_scene_objects`] reads.
+pub fn write_scene_objects<'a>(
+    objects: impl IntoIterator<Item = &'a SceneObject>,
+) -> Result<String, toml::ser::Error> {
+    let objects = objects.into_iter().map(ObjectLayout::from).collect();
+    toml::to_string(&Layout { revision: None, objects: Some(objects) })
 }

@@ -1,22 +1,21 @@
 //! A controller's contacts as surfaces of the environment.
 //!
 //! Every number passes the ranges of `units` once; an error names the contact, the field,
-//! the value and what is allowed. Normals leave here with length 1.
+//! the value and what is allowed. Where a contact lies is read by [`super::shape`]. Everything
+//! is still in the client's world.
 
 use nalgebra::Vector3;
 
 use crate::environment::{Contact, MAX_CONTACTS, Material, Shape, Surface};
-use crate::proto::{self, contact};
-use crate::units::{DAMPING, FRICTION, FieldError, POSITION, RADIUS, Range, STIFFNESS};
+use crate::proto;
+use crate::units::{DAMPING, FRICTION, FieldError, Range, STIFFNESS, SURFACE_VELOCITY};
 use crate::wire::get3;
 
 use super::mapping::SCENE_ID;
+use super::shape::shape;
 
 /// The longest blend, milliseconds.
 const MAX_BLEND_MS: u32 = 1000;
-
-/// A shorter normal has no direction worth the name.
-const SHORTEST_NORMAL: f64 = 1e-6;
 
 /// The contacts of one command, all of them or none.
 pub(super) fn contacts(wanted: &[proto::Contact]) -> Result<Vec<Contact>, FieldError> {
@@ -49,65 +48,61 @@ fn contact(wanted: &proto::Contact) -> Result<Contact, FieldError> {
         let allowed = format!("must be 0 to {MAX_BLEND_MS} ms");
         return Err(FieldError::new("blend_ms", wanted.blend_ms, allowed));
     }
+    let shape = shape(wanted.shape.as_ref())?;
+    if wanted.hollow && matches!(shape, Shape::Guide { .. }) {
+        return Err(FieldError::new("hollow", "true", "a guide cannot be hollow"));
+    }
     Ok(Contact {
         id: wanted.id,
         revision: wanted.revision,
         surface: Surface {
-            shape: shape(wanted.shape.as_ref())?,
-            material: Material {
-                stiffness_N_per_m: checked(
-                    &STIFFNESS,
-                    "stiffness_n_per_m",
-                    wanted.stiffness_n_per_m,
-                )?,
-                damping_Ns_per_m: checked(&DAMPING, "damping_ns_per_m", wanted.damping_ns_per_m)?,
-                ..Material::default().with_friction(checked(
-                    &FRICTION,
-                    "friction",
-                    wanted.friction,
-                )?)
-            },
+            shape,
+            material: material(wanted)?,
             hollow: wanted.hollow,
             blend_s: f64::from(wanted.blend_ms) * 1e-3,
         },
     })
 }
 
-fn shape(wanted: Option<&contact::Shape>) -> Result<Shape, FieldError> {
-    match wanted {
-        Some(contact::Shape::HalfSpace(wall)) => Ok(Shape::HalfSpace {
-            point_W_m: position("half_space.point_m", &wall.point_m)?,
-            normal_W: unit("half_space.normal", &wall.normal)?,
-        }),
-        Some(contact::Shape::Sphere(ball)) => Ok(Shape::Sphere {
-            centre_W_m: position("sphere.centre_m", &ball.centre_m)?,
-            radius_m: checked(&RADIUS, "sphere.radius_m", ball.radius_m)?,
-        }),
-        None => Err(FieldError::new("shape", "absent", "must be half_space or sphere")),
+fn material(wanted: &proto::Contact) -> Result<Material, FieldError> {
+    let kinetic_friction = checked(&FRICTION, "kinetic_friction", wanted.kinetic_friction)?;
+    let static_friction = match wanted.static_friction {
+        Some(written) => checked(&FRICTION, "static_friction", written)?,
+        None => kinetic_friction,
+    };
+    if static_friction < kinetic_friction {
+        let allowed = format!("must be at least kinetic_friction, {}", wanted.kinetic_friction);
+        return Err(FieldError::new("static_friction", static_friction as f32, allowed));
     }
+    Ok(Material {
+        stiffness_N_per_m: checked(&STIFFNESS, "stiffness_n_per_m", wanted.stiffness_n_per_m)?,
+        damping_Ns_per_m: checked(&DAMPING, "damping_ns_per_m", wanted.damping_ns_per_m)?,
+        kinetic_friction,
+        static_friction,
+        surface_velocity_W_m_per_s: match wanted.surface_velocity_m_per_s.as_slice() {
+            [] => Vector3::zeros(),
+            floats => within(&SURFACE_VELOCITY, "surface_velocity_m_per_s", floats)?,
+        },
+    })
 }
 
-fn position(field: &str, floats: &[f32]) -> Result<Vector3<f64>, FieldError> {
-    let vector = get3(field, floats)?;
-    for value in vector {
-        POSITION.check(field, value)?;
+/// Three numbers, each inside a range.
+pub(super) fn within(
+    range: &Range,
+    field: &str,
+    floats: &[f32],
+) -> Result<Vector3<f64>, FieldError> {
+    get3(field, floats)?;
+    let mut vector = Vector3::zeros();
+    for (part, value) in vector.iter_mut().zip(floats) {
+        *part = checked(range, field, *value)?;
     }
-    Ok(vector.into())
-}
-
-fn unit(field: &str, floats: &[f32]) -> Result<Vector3<f64>, FieldError> {
-    let vector = Vector3::from(get3(field, floats)?);
-    let length = vector.norm();
-    if length < SHORTEST_NORMAL {
-        let allowed = format!("must have a length of at least {SHORTEST_NORMAL}");
-        return Err(FieldError::new(field, format!("length {length}"), allowed));
-    }
-    Ok(vector / length)
+    Ok(vector)
 }
 
 /// A float inside a range. The float nearest to a bound may lie just beyond it: it means
 /// the bound.
-fn checked(range: &Range, field: &str, value: f32) -> Result<f64, FieldError> {
+pub(super) fn checked(range: &Range, field: &str, value: f32) -> Result<f64, FieldError> {
     let meant = if value == range.min as f32 {
         range.min
     } else if value == range.max as f32 {
@@ -124,28 +119,26 @@ fn checked(range: &Range, field: &str, value: f32) -> Result<f64, FieldError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::proto::{HalfSpaceContact, SphereContact};
+    use crate::proto::contact::Shape as Wanted;
+    use crate::proto::{GuideContact, GuidePointContact, HalfSpaceContact, SphereContact};
     use proptest::prelude::*;
 
     fn wall(id: u32) -> proto::Contact {
         proto::Contact {
             id,
             revision: 3,
-            shape: Some(contact::Shape::HalfSpace(HalfSpaceContact {
+            stiffness_n_per_m: 1000.0,
+            damping_ns_per_m: 2.0,
+            kinetic_friction: 0.5,
+            static_friction: Some(0.75),
+            surface_velocity_m_per_s: vec![0.25, 0.0, -0.5],
+            hollow: true,
+            blend_ms: 250,
+            shape: Some(Wanted::HalfSpace(HalfSpaceContact {
                 point_m: vec![0.25, 0.0, 0.0],
                 normal: vec![-2.0, 0.0, 0.0],
             })),
-            stiffness_n_per_m: 1000.0,
-            damping_ns_per_m: 2.0,
-            friction: 0.5,
-            hollow: true,
-            blend_ms: 250,
         }
-    }
-
-    fn ball(radius_m: f32) -> proto::Contact {
-        let shape = SphereContact { centre_m: vec![0.0, 0.5, 0.0], radius_m };
-        proto::Contact { shape: Some(contact::Shape::Sphere(shape)), ..wall(9) }
     }
 
     fn refused(wanted: &[proto::Contact]) -> String {
@@ -153,42 +146,68 @@ mod tests {
     }
 
     #[test]
-    fn contacts_become_surfaces_with_unit_normals() {
-        let contacts = contacts(&[wall(1), ball(0.125)]).unwrap();
-        assert_eq!((contacts[0].id, contacts[0].revision), (1, 3));
-        let expected = Surface {
-            shape: Shape::HalfSpace {
-                point_W_m: Vector3::new(0.25, 0.0, 0.0),
-                normal_W: -Vector3::x(),
-            },
-            material: Material {
-                stiffness_N_per_m: 1000.0,
-                damping_Ns_per_m: 2.0,
-                ..Material::default().with_friction(0.5)
-            },
-            hollow: true,
-            blend_s: 0.25,
+    fn contacts_become_surfaces() {
+        let ball = SphereContact { centre_m: vec![0.0, 0.5, 0.0], radius_m: 0.125 };
+        let ball = proto::Contact {
+            shape: Some(Wanted::Sphere(ball)),
+            static_friction: None,
+            surface_velocity_m_per_s: vec![],
+            ..wall(9)
         };
+        let contacts = contacts(&[wall(1), ball]).unwrap();
+        assert_eq!((contacts[0].id, contacts[0].revision), (1, 3));
+        let material = Material {
+            stiffness_N_per_m: 1000.0,
+            damping_Ns_per_m: 2.0,
+            static_friction: 0.75,
+            kinetic_friction: 0.5,
+            surface_velocity_W_m_per_s: Vector3::new(0.25, 0.0, -0.5),
+        };
+        let shape =
+            Shape::HalfSpace { point_W_m: Vector3::new(0.25, 0.0, 0.0), normal_W: -Vector3::x() };
+        let expected = Surface { shape, material, hollow: true, blend_s: 0.25 };
         assert_eq!(contacts[0].surface, expected);
-        let shape = Shape::Sphere { centre_W_m: Vector3::new(0.0, 0.5, 0.0), radius_m: 0.125 };
-        assert_eq!(contacts[1].surface.shape, shape);
+        let at_rest = Material {
+            surface_velocity_W_m_per_s: Vector3::zeros(),
+            ..material.with_friction(0.5)
+        };
+        assert_eq!(contacts[1].surface.material, at_rest);
     }
 
     #[test]
     fn one_bad_contact_refuses_all_of_them_by_name() {
         type Change = fn(&mut proto::Contact);
-        let changes: [(Change, &str); 11] = [
-            (|c| c.shape = None, "shape = absent: must be half_space or sphere"),
+        let changes: [(Change, &str); 15] = [
+            (|c| c.shape = None, "shape = absent: must be half_space, sphere, box, capsule"),
             (|c| c.id = SCENE_ID, "id = 2147483648: must be at most 2147483647"),
             (|c| c.blend_ms = 1001, "blend_ms = 1001: must be 0 to 1000 ms"),
-            (|c| c.friction = -0.1, "friction = -0.1: must be a number in 0 to 10"),
-            (|c| c.friction = f32::NAN, "friction = NaN: must be a number in 0 to 10"),
+            (|c| c.kinetic_friction = -0.1, "kinetic_friction = -0.1: must be a number in 0 to 10"),
+            (|c| c.kinetic_friction = f32::NAN, "kinetic_friction = NaN: must be a number in 0"),
+            (|c| c.static_friction = Some(f32::NAN), "static_friction = NaN: must be a number"),
+            (|c| c.static_friction = Some(11.0), "static_friction = 11: must be a number"),
+            (
+                |c| c.static_friction = Some(0.4),
+                "static_friction = 0.4: must be at least kinetic_friction, 0.5",
+            ),
+            (
+                |c| c.surface_velocity_m_per_s = vec![0.0; 2],
+                "surface_velocity_m_per_s = 2 numbers: must have 3",
+            ),
+            (
+                |c| c.surface_velocity_m_per_s[2] = 101.0,
+                "surface_velocity_m_per_s = 101: must be a number in -100 to 100 m/s",
+            ),
+            (
+                |c| c.surface_velocity_m_per_s[1] = f32::NAN,
+                "surface_velocity_m_per_s = NaN: must be finite",
+            ),
             (|c| c.stiffness_n_per_m = 2e9, "stiffness_n_per_m = 2000000000: must be a number"),
             (|c| c.damping_ns_per_m = f32::INFINITY, "damping_ns_per_m = inf: must be a number"),
-            (|c| *c = ball(0.0), "sphere.radius_m = 0: must be a number in 0.0001 to 100 m"),
-            (|c| point(c, vec![0.0; 2]), "half_space.point_m = 2 numbers: must have 3"),
-            (|c| point(c, vec![101.0; 3]), "half_space.point_m = 101: must be a number in -100"),
-            (|c| normal(c, vec![1e-7, 0.0, 0.0]), "half_space.normal = length 0.000000"),
+            (|c| c.shape = Some(lead()), "hollow = true: a guide cannot be hollow"),
+            (
+                |c| c.shape = Some(Wanted::Sphere(SphereContact::default())),
+                "sphere.centre_m = 0 numbers: must have 3",
+            ),
         ];
         for (change, expected) in changes {
             let mut bad = wall(2);
@@ -197,28 +216,21 @@ mod tests {
             let expected = format!("contacts[1].{expected}");
             assert!(message.starts_with(&expected), "{message} / {expected}");
         }
+        let guide = proto::Contact { shape: Some(lead()), hollow: false, ..wall(1) };
+        assert!(contacts(&[guide]).is_ok());
     }
 
-    fn point(contact: &mut proto::Contact, point_m: Vec<f32>) {
-        if let Some(contact::Shape::HalfSpace(wall)) = &mut contact.shape {
-            wall.point_m = point_m;
-        }
-    }
-
-    fn normal(contact: &mut proto::Contact, normal: Vec<f32>) {
-        if let Some(contact::Shape::HalfSpace(wall)) = &mut contact.shape {
-            wall.normal = normal;
-        }
+    fn lead() -> Wanted {
+        let path = proto::guide_contact::Path::Point(GuidePointContact { point_m: vec![0.0; 3] });
+        Wanted::Guide(GuideContact { radius_m: 0.0, path: Some(path) })
     }
 
     #[test]
     fn the_ends_of_every_range_are_inside_though_floats_round_them() {
-        for radius_m in [1e-4, 100.0] {
-            assert!(contacts(&[ball(radius_m)]).is_ok());
-        }
         let mut stiff = wall(SCENE_ID - 1);
-        (stiff.stiffness_n_per_m, stiff.friction, stiff.blend_ms) = (1e9, 10.0, 1000);
-        normal(&mut stiff, vec![0.0, 0.0, f32::MAX]);
+        (stiff.stiffness_n_per_m, stiff.kinetic_friction, stiff.blend_ms) = (1e9, 10.0, 1000);
+        stiff.static_friction = Some(10.0);
+        stiff.surface_velocity_m_per_s = vec![-100.0, 100.0, 0.0];
         assert!(contacts(&[stiff]).is_ok());
     }
 
@@ -234,37 +246,29 @@ mod tests {
     proptest! {
         #[test]
         fn whatever_is_accepted_is_finite_and_in_range(
-            bits in prop::collection::vec(any::<u32>(), 10),
-            tame in prop::collection::vec(-0.5f32..12.0, 10),
-            wild in any::<u16>(),
+            bits in prop::collection::vec(any::<u32>(), 7),
+            tame in prop::collection::vec(-0.5f32..12.0, 7),
+            wild in any::<u8>(),
         ) {
             let float = |i: usize| {
                 if wild >> i & 1 == 1 { f32::from_bits(bits[i]) } else { tame[i] }
             };
-            let mut contact = wall(1);
-            point(&mut contact, (0..3).map(float).collect());
-            normal(&mut contact, (3..6).map(float).collect());
-            contact.stiffness_n_per_m = float(6);
-            contact.damping_ns_per_m = float(7);
-            contact.friction = float(8);
-            if let Ok(contacts) = contacts(&[contact, ball(float(9))]) {
-                for contact in contacts {
-                    let Material { stiffness_N_per_m, damping_Ns_per_m, static_friction, .. } =
-                        contact.surface.material;
-                    prop_assert!((0.0..=1e9).contains(&stiffness_N_per_m));
-                    prop_assert!((0.0..=1e6).contains(&damping_Ns_per_m));
-                    prop_assert!((0.0..=10.0).contains(&static_friction));
-                    match contact.surface.shape {
-                        Shape::HalfSpace { point_W_m, normal_W } => {
-                            prop_assert!(point_W_m.amax() <= 100.0);
-                            prop_assert!((normal_W.norm() - 1.0).abs() < 1e-12);
-                        }
-                        Shape::Sphere { radius_m, .. } => {
-                            prop_assert!((1e-4..=100.0).contains(&radius_m));
-                        }
-                        other => panic!("a shape that no message has: {other:?}"),
-                    }
-                }
+            let contact = proto::Contact {
+                stiffness_n_per_m: float(0),
+                damping_ns_per_m: float(1),
+                kinetic_friction: float(2),
+                static_friction: Some(float(3)),
+                surface_velocity_m_per_s: (4..7).map(float).collect(),
+                ..wall(1)
+            };
+            if let Ok(contacts) = contacts(&[contact]) {
+                let material = contacts[0].surface.material;
+                prop_assert!((0.0..=1e9).contains(&material.stiffness_N_per_m));
+                prop_assert!((0.0..=1e6).contains(&material.damping_Ns_per_m));
+                prop_assert!((0.0..=10.0).contains(&material.kinetic_friction));
+                prop_assert!(material.static_friction >= material.kinetic_friction);
+                prop_assert!(material.static_friction <= 10.0);
+                prop_assert!(material.surface_velocity_W_m_per_s.amax() <= 100.0);
             }
         }
     }

@@ -44,6 +44,7 @@ mod path;
 mod peer;
 mod ping;
 mod quality;
+mod shape;
 mod soft;
 mod state;
 mod switchboard;

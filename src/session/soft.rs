@@ -8,14 +8,10 @@ use nalgebra::{Matrix3, Vector3};
 use crate::control::Wrench;
 use crate::environment::ForceField;
 use crate::proto::{ForceFieldCommand, WrenchCommand};
-use crate::units::{DAMPING, FORCE, FieldError, POSITION, Range, STIFFNESS};
+use crate::units::{
+    DAMPING_ELEMENT, FIELD_RADIUS, FORCE, FieldError, MOMENT, POSITION, Range, STIFFNESS_ELEMENT,
+};
 use crate::wire::{get_pair, get3};
-
-/// Component of a moment.
-const MOMENT: Range = Range::new(-1000.0, 1000.0, "N m");
-
-/// Radius of a field.
-const FIELD_RADIUS: Range = Range::new(0.0, 100.0, "m");
 
 /// The wrench of one command.
 pub(super) fn wrench(wanted: &WrenchCommand) -> Result<Wrench, FieldError> {
@@ -35,8 +31,12 @@ pub(super) fn field(wanted: &ForceFieldCommand) -> Result<ForceField, FieldError
         origin_W_m,
         force_W_N: at_origin.force_N,
         moment_W_Nm: at_origin.moment_Nm,
-        stiffness_N_per_m: matrix("stiffness_n_per_m", &wanted.stiffness_n_per_m, &STIFFNESS)?,
-        damping_Ns_per_m: matrix("damping_ns_per_m", &wanted.damping_ns_per_m, &DAMPING)?,
+        stiffness_N_per_m: matrix(
+            "stiffness_n_per_m",
+            &wanted.stiffness_n_per_m,
+            &STIFFNESS_ELEMENT,
+        )?,
+        damping_Ns_per_m: matrix("damping_ns_per_m", &wanted.damping_ns_per_m, &DAMPING_ELEMENT)?,
         radius_m: if radius_m == 0.0 { f64::INFINITY } else { radius_m },
     })
 }
@@ -48,11 +48,10 @@ fn pair(name: &str, floats: &[f32]) -> Result<Wrench, FieldError> {
     Ok(Wrench { force_N: force_N.into(), moment_Nm: moment_Nm.into() })
 }
 
-/// Three numbers of a diagonal, nine row by row, none for zero. A coupling has either sign.
+/// Three numbers of a diagonal, nine row by row, none for zero.
 fn matrix(name: &str, floats: &[f32], range: &Range) -> Result<Matrix3<f64>, FieldError> {
-    let within = Range::new(-range.max, range.max, range.unit);
     let numbers: Vec<f64> = floats.iter().map(|value| f64::from(*value)).collect();
-    each(name, numbers.iter(), &within)?;
+    each(name, numbers.iter(), range)?;
     match numbers.len() {
         0 => Ok(Matrix3::zeros()),
         3 => Ok(Matrix3::from_diagonal(&Vector3::from_column_slice(&numbers))),

@@ -175,7 +175,8 @@ pub(super) struct View {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::Matrix3;
+    use crate::environment::Surface;
+    use nalgebra::{Matrix3, UnitQuaternion};
 
     fn agreed(scale: f32, offset_m: Vec<f32>) -> Workspace {
         Workspace::agree(Some(&proto::Workspace { scale, offset_m })).unwrap()
@@ -219,6 +220,68 @@ mod tests {
             let wanted = field.at(&view.position_m, &view.twist_m_per_s)[0];
             let felt = mapped.at(&report.p_WT_m, &report.v_WT_m_per_s)[0];
             assert!((wanted - felt).norm() < 1e-9, "{wanted} {felt}");
+        }
+    }
+
+    /// Scale 4 and an offset, everything by hand: lengths and velocities are a quarter,
+    /// directions and coefficients what they were, stiffness and damping four times as much.
+    #[test]
+    fn every_contact_lies_where_the_client_says() {
+        let workspace = agreed(4.0, vec![1.0, 2.0, -1.0]);
+        let (here, there) = (Vector3::new(2.0, 2.0, 1.0), Vector3::new(0.25, 0.0, 0.5));
+        let (far, far_there) = (Vector3::new(5.0, 1.0, -1.0), Vector3::new(1.0, -0.25, 0.0));
+        let turn = UnitQuaternion::from_euler_angles(0.3, -0.2, 0.1);
+        let along = Vector3::new(0.6, 0.0, -0.8);
+        let half = Vector3::new(0.4, 0.8, 1.2);
+        let guide = |path, radius_m| Shape::Guide { path, radius_m };
+        for (client, device) in [
+            (
+                Shape::Box { centre_W_m: here, q_WS: turn, half_extents_m: half },
+                Shape::Box { centre_W_m: there, q_WS: turn, half_extents_m: half / 4.0 },
+            ),
+            (
+                Shape::Capsule { ends_W_m: [here, far], radius_m: 0.5 },
+                Shape::Capsule { ends_W_m: [there, far_there], radius_m: 0.125 },
+            ),
+            (
+                Shape::Sphere { centre_W_m: here, radius_m: 0.5 },
+                Shape::Sphere { centre_W_m: there, radius_m: 0.125 },
+            ),
+            (
+                Shape::HalfSpace { point_W_m: here, normal_W: along },
+                Shape::HalfSpace { point_W_m: there, normal_W: along },
+            ),
+            (
+                guide(Guide::Point { point_W_m: far }, 1.0),
+                guide(Guide::Point { point_W_m: far_there }, 0.25),
+            ),
+            (
+                guide(Guide::Line { point_W_m: here, direction_W: along }, 1.0),
+                guide(Guide::Line { point_W_m: there, direction_W: along }, 0.25),
+            ),
+            (
+                guide(Guide::Plane { point_W_m: here, normal_W: along }, 0.0),
+                guide(Guide::Plane { point_W_m: there, normal_W: along }, 0.0),
+            ),
+        ] {
+            let material = Material {
+                stiffness_N_per_m: 500.0,
+                damping_Ns_per_m: 2.0,
+                static_friction: 0.6,
+                kinetic_friction: 0.4,
+                surface_velocity_W_m_per_s: Vector3::new(0.2, 0.0, -0.4),
+            };
+            let surface = Surface { shape: client, material, hollow: false, blend_s: 0.1 };
+            let mut contact = Contact { id: 1, revision: 1, surface };
+            workspace.contact(&mut contact).unwrap();
+            assert_eq!(contact.surface.shape, device);
+            let felt = Material {
+                stiffness_N_per_m: 2000.0,
+                damping_Ns_per_m: 8.0,
+                surface_velocity_W_m_per_s: Vector3::new(0.05, 0.0, -0.1),
+                ..material
+            };
+            assert_eq!((contact.surface.material, contact.surface.blend_s), (felt, 0.1));
         }
     }
 

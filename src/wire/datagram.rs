@@ -90,9 +90,7 @@ pub(super) fn enclose(key: u8, message: &impl Message) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::proto::{
-        Contact, Contacts, Datagram, HalfSpaceContact, SphereContact, command, contact,
-    };
+    use crate::proto::{BoxContact, Contact, Contacts, Datagram, SphereContact, command, contact};
     use proptest::prelude::*;
 
     fn hex(text: &str) -> Vec<u8> {
@@ -106,15 +104,19 @@ mod tests {
         let wall = |id| Contact {
             id: u32::MAX - id,
             revision: u32::MAX,
-            shape: Some(contact::Shape::HalfSpace(HalfSpaceContact {
-                point_m: vec![-f32::MAX; 3],
-                normal: vec![-f32::MAX; 3],
-            })),
             stiffness_n_per_m: f32::MAX,
             damping_ns_per_m: f32::MAX,
-            friction: f32::MAX,
+            kinetic_friction: f32::MAX,
+            static_friction: Some(f32::MAX),
+            surface_velocity_m_per_s: vec![-f32::MAX; 3],
             hollow: true,
             blend_ms: u32::MAX,
+            // The longest of all shapes: ten numbers.
+            shape: Some(contact::Shape::Box(BoxContact {
+                centre_m: vec![-f32::MAX; 3],
+                half_extents_m: vec![-f32::MAX; 3],
+                orientation: vec![-f32::MAX; 4],
+            })),
         };
         let command = Command {
             seq: u64::MAX,
@@ -127,6 +129,7 @@ mod tests {
         };
         let bytes = encode(&Body::Command(command));
         assert!(bytes.len() <= MAX_COMMAND_BYTES, "{}", bytes.len());
+        assert_eq!(bytes.len(), 888);
         assert!(decode(&bytes).is_ok());
     }
 
@@ -135,15 +138,17 @@ mod tests {
         let ball = Contact {
             id: 1,
             revision: 2,
+            stiffness_n_per_m: 1000.0,
+            damping_ns_per_m: 0.0,
+            kinetic_friction: 0.5,
+            static_friction: Some(1.0),
+            surface_velocity_m_per_s: vec![0.0, 0.0, 0.25],
+            hollow: true,
+            blend_ms: 1000,
             shape: Some(contact::Shape::Sphere(SphereContact {
                 centre_m: vec![0.25, 0.5, 1.0],
                 radius_m: 0.125,
             })),
-            stiffness_n_per_m: 1000.0,
-            damping_ns_per_m: 0.0,
-            friction: 0.5,
-            hollow: true,
-            blend_ms: 1000,
         };
         let command = Command {
             seq: 1,
@@ -155,13 +160,14 @@ mod tests {
             event_ack: 5,
         };
         let expected = hex(concat!(
-            "12 3f",
+            "12 52",
             "08 01  11 0200000000000000  18 03  20 64", // seq, time, state seq, ttl
-            "2a 2a  0a 28",                             // contacts, the first
+            "2a 3d  0a 3b",                             // contacts, the first
             "08 01  10 02",                             // id, revision
-            "22 13  0a 0c 0000803e 0000003f 0000803f  15 0000003e", // sphere
-            "2d 00007a44  3d 0000003f",                 // stiffness, friction
+            "1d 00007a44  2d 0000003f  35 0000803f",    // stiffness, kinetic, static friction
+            "3a 0c 00000000 00000000 0000803e",         // surface velocity
             "40 01  48 e807",                           // hollow, blend
+            "5a 13  0a 0c 0000803e 0000003f 0000803f  15 0000003e", // sphere
             "40 01  48 05",                             // clutched, event ack
         ));
         let bytes = encode(&Body::Command(command.clone()));

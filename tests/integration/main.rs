@@ -10,11 +10,15 @@ mod hostile;
 #[cfg(feature = "net")]
 mod metrics;
 #[cfg(feature = "net")]
+mod objects;
+#[cfg(feature = "net")]
 mod patience;
 #[cfg(feature = "net")]
 mod persistence;
 #[cfg(feature = "net")]
 mod refusals;
+#[cfg(feature = "net")]
+mod scene_commands;
 #[cfg(feature = "net")]
 mod services;
 mod sessions;

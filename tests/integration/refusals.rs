@@ -3,8 +3,8 @@
 use hapticd::client::Services;
 use hapticd::proto::scene_object::Kind;
 use hapticd::proto::{
-    ConstantField, CreateObjectRequest, DeleteObjectRequest, GetSceneRequest, HalfSpace, Material,
-    SceneObject, Sphere, UpdateObjectRequest, Vector3,
+    self, ConstantField, Corridor, CreateObjectRequest, DeleteObjectRequest, GetSceneRequest,
+    Guide, HalfSpace, Material, SceneObject, Sphere, UpdateObjectRequest, Vector3,
 };
 use tonic::transport::{Channel, Endpoint};
 use tonic::{Code, Status};
@@ -88,7 +88,20 @@ fn impossible() -> Vec<(SceneObject, &'static str)> {
             wall(|_, material| material.damping_ns_per_m = f64::NAN),
             "object.material.damping_ns_per_m = NaN: must be a number in 0 to 1000000 N s/m",
         ),
-        (wall(|_, material| material.friction = 11.0), "object.material.friction = 11: must be"),
+        (
+            wall(|_, material| material.kinetic_friction = 11.0),
+            "object.material.kinetic_friction = 11: must be a number in 0 to 10",
+        ),
+        (
+            wall(|_, material| {
+                (material.kinetic_friction, material.static_friction) = (0.5, Some(0.4));
+            }),
+            "object.material.static_friction = 0.4: must be at least kinetic_friction, 0.5",
+        ),
+        (
+            wall(|_, material| material.surface_velocity_m_per_s = vector(f64::INFINITY)),
+            "object.material.surface_velocity_m_per_s.x = inf: must be a number in -100 to 100",
+        ),
         (
             wall(|plane, _| plane.normal = vector(0.0)),
             "object.half_space.normal = 0: must be a number in 0.000001 to 1000000",
@@ -100,8 +113,23 @@ fn impossible() -> Vec<(SceneObject, &'static str)> {
         ),
         (sphere(-0.1), "object.sphere.radius_m = -0.1: must be a number in 0.0001 to 100 m"),
         (push(f64::NAN), "object.constant.force_n.x = NaN: must be a number in -1000 to 1000 N"),
+        (
+            SceneObject { kind: Some(Kind::Box(proto::Box::default())), ..good() },
+            "object.box.centre_m = (none): is required",
+        ),
+        (
+            SceneObject { kind: Some(Kind::Corridor(Corridor::default())), ..good() },
+            "object.corridor.points_m = 0 points: must be 2 to 64",
+        ),
+        (
+            SceneObject { kind: Some(Kind::Guide(Guide::default())), ..good() },
+            "object.guide.path = (none): one of point, line, plane is required",
+        ),
         (SceneObject { material: None, ..good() }, "object.material = (none): a surface needs"),
-        (SceneObject { hollow: true, ..push(1.0) }, "object.hollow = true: only a surface"),
+        (
+            SceneObject { hollow: true, ..push(1.0) },
+            "object.hollow = true: only a half-space, sphere, box or capsule",
+        ),
         (SceneObject::default(), "object.kind = (none): one of half_space, sphere"),
     ]
 }

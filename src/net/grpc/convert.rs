@@ -1,25 +1,19 @@
-//! Values of the contract from values of the core, and back where somebody may write.
+//! What a device senses and does, as the contract shows it. Objects of a scene, which come in
+//! as well, are in [`crate::config`].
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::config::{Id, ObjectKind, SceneObject};
+use crate::config::Id;
 use crate::control::{self, Report};
-use crate::environment::{Material, Source};
+use crate::environment::Source;
 use crate::host::DeviceHost;
 use crate::proto;
-use crate::proto::scene_object::Kind;
-use crate::units::FieldError;
 
 use super::names;
 
 /// A vector of W.
 pub fn vector(v: &Vector3<f64>) -> Option<proto::Vector3> {
     Some(proto::Vector3 { x: v.x, y: v.y, z: v.z })
-}
-
-fn vector_of(field: &str, v: Option<&proto::Vector3>) -> Result<Vector3<f64>, FieldError> {
-    let v = v.ok_or_else(|| FieldError::new(field, "(none)", "is required"))?;
-    Ok(Vector3::new(v.x, v.y, v.z))
 }
 
 /// A pose of W.
@@ -31,65 +25,6 @@ pub fn pose(p_m: &Vector3<f64>, q: &UnitQuaternion<f64>) -> Option<proto::Pose> 
 
 fn wrench(wrench: &control::Wrench) -> Option<proto::Wrench> {
     Some(proto::Wrench { force_n: vector(&wrench.force_N), moment_nm: vector(&wrench.moment_Nm) })
-}
-
-/// An object as the contract shows it.
-pub fn object_to_proto(host: &DeviceHost, object: &SceneObject) -> proto::SceneObject {
-    let kind = match object.kind() {
-        ObjectKind::HalfSpace { point_m, normal } => {
-            Kind::HalfSpace(proto::HalfSpace { point_m: vector(point_m), normal: vector(normal) })
-        }
-        ObjectKind::Sphere { centre_m, radius_m } => {
-            Kind::Sphere(proto::Sphere { centre_m: vector(centre_m), radius_m: *radius_m })
-        }
-        ObjectKind::Constant { force_N } => {
-            Kind::Constant(proto::ConstantField { force_n: vector(force_N) })
-        }
-        ObjectKind::Viscous { damping_Ns_per_m } => {
-            Kind::Viscous(proto::ViscousField { damping_ns_per_m: *damping_Ns_per_m })
-        }
-    };
-    proto::SceneObject {
-        name: names::object(host, object.id().as_str()),
-        kind: Some(kind),
-        material: object.material().map(|material| proto::Material {
-            stiffness_n_per_m: material.stiffness_N_per_m,
-            damping_ns_per_m: material.damping_Ns_per_m,
-            friction: material.static_friction,
-        }),
-        hollow: object.hollow(),
-        revision: object.revision(),
-    }
-}
-
-/// An object that somebody wrote, checked.
-pub fn object_from_proto(id: Id, object: &proto::SceneObject) -> Result<SceneObject, FieldError> {
-    let kind = match &object.kind {
-        None => {
-            let one_of = "one of half_space, sphere, constant, viscous is required";
-            return Err(FieldError::new("object.kind", "(none)", one_of));
-        }
-        Some(Kind::HalfSpace(half_space)) => ObjectKind::HalfSpace {
-            point_m: vector_of("object.half_space.point_m", half_space.point_m.as_ref())?,
-            normal: vector_of("object.half_space.normal", half_space.normal.as_ref())?,
-        },
-        Some(Kind::Sphere(sphere)) => ObjectKind::Sphere {
-            centre_m: vector_of("object.sphere.centre_m", sphere.centre_m.as_ref())?,
-            radius_m: sphere.radius_m,
-        },
-        Some(Kind::Constant(field)) => ObjectKind::Constant {
-            force_N: vector_of("object.constant.force_n", field.force_n.as_ref())?,
-        },
-        Some(Kind::Viscous(field)) => {
-            ObjectKind::Viscous { damping_Ns_per_m: field.damping_ns_per_m }
-        }
-    };
-    let material = object.material.as_ref().map(|material| Material {
-        stiffness_N_per_m: material.stiffness_n_per_m,
-        damping_Ns_per_m: material.damping_ns_per_m,
-        ..Material::default().with_friction(material.friction)
-    });
-    SceneObject::new(id, kind, material, object.hollow).map_err(|error| error.within("object"))
 }
 
 /// What the last tick sensed and decided.

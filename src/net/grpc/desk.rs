@@ -6,10 +6,11 @@
 
 use std::sync::Arc;
 
-use tokio::sync::Mutex;
+use tokio::sync::{Mutex, watch};
 use tonic::Status;
 
 use super::host_status;
+use crate::config::Scene;
 use crate::host::{DeviceHost, HostError, Hosts};
 
 /// All devices of a server.
@@ -30,11 +31,15 @@ pub struct Desk {
     pub modes: Lane,
     /// For Stop alone.
     pub stops: Lane,
+    /// The newest scene in force, for those who watch.
+    pub newest_scene: Arc<watch::Sender<Arc<Scene>>>,
 }
 
 impl Desk {
     fn new(host: Arc<DeviceHost>) -> Self {
-        Self { host, edits: Lane::default(), modes: Lane::default(), stops: Lane::default() }
+        let newest_scene = Arc::new(watch::Sender::new(host.scene()));
+        let (edits, modes, stops) = Default::default();
+        Self { host, edits, modes, stops, newest_scene }
     }
 }
 

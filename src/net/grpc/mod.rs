@@ -43,7 +43,7 @@ pub async fn serve(
 ) -> anyhow::Result<()> {
     let desks = desks(&hosts);
     let devices = DeviceServiceServer::new(Devices::new(desks.clone(), stopped.clone()));
-    let scenes = SceneServiceServer::new(Scenes::new(desks));
+    let scenes = SceneServiceServer::new(Scenes::new(desks, stopped.clone()));
     let sessions = SessionServiceServer::new(SessionCallsService::new(sessions, hosts));
     let (reporter, health) = tonic_health::server::health_reporter();
     reporter.set_serving::<DeviceServiceServer<Devices>>().await;

@@ -1,30 +1,46 @@
 //! SceneService: the resident scene, on disk and in force before it is answered.
+//!
+//! Edits come in one at a time; whoever watches sees them in that order, the newest at last,
+//! and never more than one scene waits for a slow reader.
 
 use std::num::NonZeroU64;
 use std::sync::Arc;
 
+use tokio::sync::{Semaphore, mpsc, watch};
+use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status};
 
 use super::desk::{Desk, Desks};
-use super::{convert, field_status, names, scene_status};
-use crate::config::{Id, Scene as KeptScene, SceneError};
+use super::{field_status, names, scene_status};
+use crate::config::{self, Id, SceneError, object_from_proto, object_to_proto};
+use crate::environment::MAX_OBJECTS;
+use crate::host::DeviceHost;
 use crate::proto::scene_service_server::SceneService;
 use crate::proto::{
     CreateObjectRequest, DeleteObjectRequest, DeleteObjectResponse, GetObjectRequest,
-    GetSceneRequest, ListObjectsRequest, ListObjectsResponse, Scene, SceneObject,
-    UpdateObjectRequest,
+    GetSceneRequest, ListObjectsRequest, ListObjectsResponse, ReplaceSceneRequest, Scene,
+    SceneObject, UpdateObjectRequest, WatchSceneRequest,
 };
 use crate::units::FieldError;
+
+/// Watches at a time.
+const MAX_WATCHES: usize = 64;
 
 /// The service.
 pub struct Scenes {
     desks: Desks,
+    watches: Arc<Semaphore>,
+    stopped: watch::Receiver<bool>,
 }
 
 impl Scenes {
-    /// Of these devices.
-    pub fn new(desks: Desks) -> Self {
-        Self { desks }
+    /// Of these devices; watches end when `stopped` is true or its sender gone.
+    pub fn new(desks: Desks, stopped: watch::Receiver<bool>) -> Self {
+        Self { desks, watches: Arc::new(Semaphore::new(MAX_WATCHES)), stopped }
+    }
+
+    fn find(&self, field: &str, name: &str) -> Result<&Desk, Status> {
+        names::find_scene(&self.desks, field, name)
     }
 }
 
@@ -32,22 +48,48 @@ impl Desk {
     /// Makes an edit in its turn; returns what it returned and the scene then.
     async fn edit<T: Send + 'static>(
         &self,
-        edit: impl FnOnce(&mut KeptScene) -> Result<T, SceneError> + Send + 'static,
-    ) -> Result<(T, Arc<KeptScene>), Status> {
-        let host = Arc::clone(&self.host);
-        self.edits.run(move || host.edit_scene(edit)).await
+        edit: impl FnOnce(&mut config::Scene) -> Result<T, SceneError> + Send + 'static,
+    ) -> Result<(T, Arc<config::Scene>), Status> {
+        let (host, newest) = (Arc::clone(&self.host), Arc::clone(&self.newest_scene));
+        let work = move || {
+            let (result, scene) = host.edit_scene(edit)?;
+            // Here, where edits have their turn: told even if nobody waits for the answer.
+            newest.send_replace(Arc::clone(&scene));
+            Ok((result, scene))
+        };
+        self.edits.run(work).await
     }
 
-    fn objects(&self) -> (u64, Vec<SceneObject>) {
-        let scene = self.host.scene();
-        let objects = scene.list().map(|object| convert::object_to_proto(&self.host, object));
-        (scene.revision(), objects.collect())
-    }
-
-    fn read(&self, id: &str, scene: &KeptScene) -> Result<Response<SceneObject>, Status> {
+    fn read(&self, id: &str, scene: &config::Scene) -> Result<Response<SceneObject>, Status> {
         let object = scene.get(id).map_err(|error| scene_status(&error))?;
-        Ok(Response::new(convert::object_to_proto(&self.host, object)))
+        let name = names::object(&self.host, id);
+        Ok(Response::new(object_to_proto(object, name)))
     }
+}
+
+/// An object with its whole name, as `field`, checked, and the device that it is to belong to.
+fn named<'a>(
+    desks: &'a Desks,
+    field: &str,
+    object: &SceneObject,
+) -> Result<(&'a Desk, config::SceneObject), Status> {
+    let name = format!("{field}.name");
+    let (desk, id) = names::find_object(desks, &name, &object.name)?;
+    let id = Id::parse(&name, id).map_err(|error| {
+        // The whole name is what was written; the rule is that of its last part.
+        let value = format!("{:?}", object.name);
+        field_status(&FieldError { value, ..error })
+    })?;
+    let object = object_from_proto(id, object);
+    Ok((desk, object.map_err(|error| field_status(&error.within(field)))?))
+}
+
+fn scene_to_proto(host: &DeviceHost, scene: &config::Scene) -> Scene {
+    let object = |object: &config::SceneObject| {
+        object_to_proto(object, names::object(host, object.id().as_str()))
+    };
+    let objects = scene.list().map(object).collect();
+    Scene { name: names::scene(host), revision: scene.revision(), objects }
 }
 
 fn missing_object() -> Status {
@@ -60,18 +102,78 @@ impl SceneService for Scenes {
         &self,
         request: Request<GetSceneRequest>,
     ) -> Result<Response<Scene>, Status> {
-        let desk = names::find_scene(&self.desks, "name", &request.get_ref().name)?;
-        let (revision, objects) = desk.objects();
-        Ok(Response::new(Scene { name: names::scene(&desk.host), revision, objects }))
+        let Desk { host, .. } = self.find("name", &request.get_ref().name)?;
+        Ok(Response::new(scene_to_proto(host, &host.scene())))
+    }
+
+    async fn replace_scene(
+        &self,
+        request: Request<ReplaceSceneRequest>,
+    ) -> Result<Response<Scene>, Status> {
+        let ReplaceSceneRequest { name, objects, scene_revision } = request.into_inner();
+        let desk = self.find("name", &name)?;
+        if objects.len() > MAX_OBJECTS {
+            return Err(scene_status(&SceneError::Full { max: MAX_OBJECTS }));
+        }
+        let named = |(i, object): (usize, &SceneObject)| {
+            let field = format!("objects[{i}]");
+            let (of, checked) = named(&self.desks, &field, object)?;
+            if of.host.definition().name == desk.host.definition().name {
+                return Ok(checked);
+            }
+            let allowed = format!("must be an object of {name}");
+            let field = format!("{field}.name");
+            Err(field_status(&FieldError::new(field, format!("{:?}", object.name), allowed)))
+        };
+        let objects = objects.iter().enumerate().map(named).collect::<Result<Vec<_>, _>>()?;
+        let expected = NonZeroU64::new(scene_revision);
+        let (_, scene) = desk.edit(move |scene| scene.replace(objects, expected)).await?;
+        Ok(Response::new(scene_to_proto(&desk.host, &scene)))
+    }
+
+    type WatchSceneStream = ReceiverStream<Result<Scene, Status>>;
+
+    async fn watch_scene(
+        &self,
+        request: Request<WatchSceneRequest>,
+    ) -> Result<Response<Self::WatchSceneStream>, Status> {
+        let desk = self.find("name", &request.get_ref().name)?;
+        let Ok(place) = Arc::clone(&self.watches).try_acquire_owned() else {
+            let full = format!("{MAX_WATCHES} watches are open already; end one of them");
+            return Err(Status::resource_exhausted(full));
+        };
+        let (scenes, watched) = mpsc::channel(1);
+        let (host, mut newest) = (Arc::clone(&desk.host), desk.newest_scene.subscribe());
+        let mut stopped = self.stopped.clone();
+        tokio::spawn(async move {
+            let _place = place;
+            let tell = async {
+                loop {
+                    // A slow reader is waited for here, and then told the newest.
+                    let Ok(room) = scenes.reserve().await else { return };
+                    let scene = Arc::clone(&newest.borrow_and_update());
+                    room.send(Ok(scene_to_proto(&host, &scene)));
+                    if newest.changed().await.is_err() {
+                        return;
+                    }
+                }
+            };
+            tokio::select! {
+                () = tell => {}
+                () = scenes.closed() => {}
+                _ = stopped.wait_for(|stopped| *stopped) => {}
+            }
+        });
+        Ok(Response::new(ReceiverStream::new(watched)))
     }
 
     async fn list_objects(
         &self,
         request: Request<ListObjectsRequest>,
     ) -> Result<Response<ListObjectsResponse>, Status> {
-        let desk = names::find_scene(&self.desks, "parent", &request.get_ref().parent)?;
-        let (scene_revision, objects) = desk.objects();
-        Ok(Response::new(ListObjectsResponse { objects, scene_revision }))
+        let Desk { host, .. } = self.find("parent", &request.get_ref().parent)?;
+        let Scene { revision, objects, .. } = scene_to_proto(host, &host.scene());
+        Ok(Response::new(ListObjectsResponse { objects, scene_revision: revision }))
     }
 
     async fn get_object(
@@ -88,10 +190,11 @@ impl SceneService for Scenes {
     ) -> Result<Response<SceneObject>, Status> {
         let CreateObjectRequest { parent, object_id, object, scene_revision } =
             request.into_inner();
-        let desk = names::find_scene(&self.desks, "parent", &parent)?;
+        let desk = self.find("parent", &parent)?;
         let object = object.ok_or_else(missing_object)?;
         let id = Id::parse("object_id", &object_id).map_err(|e| field_status(&e))?;
-        let object = convert::object_from_proto(id, &object).map_err(|e| field_status(&e))?;
+        let object = object_from_proto(id, &object);
+        let object = object.map_err(|error| field_status(&error.within("object")))?;
         let expected = NonZeroU64::new(scene_revision);
         let (_, scene) = desk.edit(move |scene| scene.create(object, expected)).await?;
         desk.read(&object_id, &scene)
@@ -102,16 +205,8 @@ impl SceneService for Scenes {
         request: Request<UpdateObjectRequest>,
     ) -> Result<Response<SceneObject>, Status> {
         let UpdateObjectRequest { object, scene_revision } = request.into_inner();
-        let object = object.ok_or_else(missing_object)?;
-        let (desk, id) = names::find_object(&self.desks, "object.name", &object.name)?;
-        let parsed = Id::parse("object.name", id).map_err(|error| {
-            // The whole name is what was written; the rule is that of its last part.
-            let value = format!("{:?}", object.name);
-            field_status(&FieldError { value, ..error })
-        })?;
-        let object = convert::object_from_proto(parsed, &object).map_err(|e| field_status(&e))?;
-        let expected = NonZeroU64::new(scene_revision);
-        let id = id.to_owned();
+        let (desk, object) = named(&self.desks, "object", &object.ok_or_else(missing_object)?)?;
+        let (id, expected) = (object.id().to_string(), NonZeroU64::new(scene_revision));
         let (_, scene) = desk.edit(move |scene| scene.update(object, expected)).await?;
         desk.read(&id, &scene)
     }

@@ -66,7 +66,7 @@ fn an_invalid_command_is_refused_as_a_whole_and_says_why_in_the_list() {
     if let Some(command::Body::Contacts(contacts)) = &mut bad.body {
         contacts.contacts.push(Contact {
             id: 2,
-            friction: f32::NAN,
+            kinetic_friction: f32::NAN,
             ..contacts.contacts[0].clone()
         });
     }
