@@ -4,7 +4,7 @@ use anyhow::{Context, bail, ensure};
 use clap::{Args, Subcommand};
 use serde_json::{Value, json};
 
-use super::{format, hand, wall};
+use super::{format, hand, settings, wall};
 use crate::client::{
     ConnectString, DEFAULT_GRPC_PORT, DEFAULT_STREAM_PORT, Services, ServicesError, services,
     services_in_plaintext, told,
@@ -74,6 +74,13 @@ enum Action {
     #[command(after_help = "Example:
   hapticd ctl clear-fault")]
     ClearFault,
+    /// What may be changed while it runs
+    #[command(after_help = "Examples:
+  hapticd ctl settings
+  hapticd ctl settings --json")]
+    Settings,
+    Set(settings::Set),
+    Strategy(settings::ChooseStrategy),
     Wall(wall::WallCommand),
     Hand(hand::Hand),
 }
@@ -109,6 +116,9 @@ impl Ctl {
             Action::State { watch: true, interval } => {
                 return watch(&mut services, name, interval, self.json).await;
             }
+            Action::Settings => return settings::show(devices, name, self.json).await,
+            Action::Set(set) => return set.run(devices, name, self.json).await,
+            Action::Strategy(strategy) => return strategy.run(devices, name, self.json).await,
             Action::Hand(hand) => return hand.run(&self.connect, &name).await,
             Action::Wall(command) => {
                 return command.run(&mut services.scenes, &name, self.json).await;

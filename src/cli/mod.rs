@@ -15,6 +15,7 @@ mod hand;
 mod ping;
 mod scene;
 mod serve;
+mod settings;
 mod view;
 mod wall;
 

@@ -9,7 +9,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::device_file::{CheckedActuators, DeviceLayout, check_actuators};
-use super::{ConfigError, Id, error};
+use super::{ConfigError, Id, Settings, error};
 use crate::actuation::Strategy;
 use crate::control::{Actuators, Guards, Mount, Tool};
 use crate::device::{ForceSensor, HandProgram, SimulationParameters};
@@ -88,7 +88,11 @@ impl DeviceDefinition {
         let (mechanism, parameters) = layout.mechanism.build(&layout.inertia, &layout.actuators)?;
         let CheckedActuators { names, actuators, residual_Nm } =
             check_actuators(&layout.actuators, mechanism.name(), mechanism.actuators())?;
-        let (tick_ns, strategy, guards) = layout.control.check()?;
+        let mut settings = Settings::default();
+        let tick_ns = layout.control.check(&mut settings)?;
+        layout.mount.check(&mut settings)?;
+        layout.tool.check(&mut settings)?;
+        let Settings { strategy, guards, mount, tool } = settings;
         Ok(Self {
             name,
             description: layout.description.clone().unwrap_or_default(),
@@ -98,8 +102,8 @@ impl DeviceDefinition {
             actuator_names: names,
             residual_Nm,
             force_sensor: layout.hand_force.check()?,
-            mount: layout.mount.check()?,
-            tool: layout.tool.check()?,
+            mount,
+            tool,
             tick_ns,
             strategy,
             guards,

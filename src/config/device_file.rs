@@ -4,16 +4,15 @@
 //! turn a table into what the loop takes; a refusal carries the full key path. The linkage's
 //! tables are in [`super::linkage`].
 
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
-use super::Id;
 use super::linkage::{InertiaLayout, MechanismLayout};
+use super::{Id, Setting, Settings};
 use crate::actuation::{ActuatorKind, Strategy};
-use crate::control::{Actuators, Guards, Mount, Tool};
+use crate::control::{Actuators, Guards};
 use crate::device::ForceSensor;
 use crate::notation::{ActuatorVector, MAX_ACTUATORS};
-use crate::units::{self, FieldError, Range};
+use crate::units::{self, FieldError};
 
 /// A whole device file.
 #[derive(Debug, Deserialize)]
@@ -101,6 +100,7 @@ impl Default for MountLayout {
 pub(super) struct ToolLayout {
     pub offset_m: [f64; 3],
     pub radius_m: f64,
+    pub points_m: Vec<[f64; 3]>,
 }
 
 /// `[control]`.
@@ -110,6 +110,8 @@ pub(super) struct ControlLayout {
     pub rate_hz: f64,
     pub strategy: String,
     pub force_limit_N: f64,
+    pub force_gain: f64,
+    pub activation_ramp_ms: f64,
     pub slew_N_per_s: f64,
     pub stale_ramp_ms: f64,
     pub closure_limit_rad: f64,
@@ -125,6 +127,8 @@ impl Default for ControlLayout {
             rate_hz: 1000.0,
             strategy: "auto".into(),
             force_limit_N: usual.force_limit_N,
+            force_gain: usual.force_gain,
+            activation_ramp_ms: usual.activation_ramp_ns as f64 * 1e-6,
             slew_N_per_s: usual.slew_N_per_s,
             stale_ramp_ms: usual.stale_ramp_ns as f64 * 1e-6,
             closure_limit_rad: usual.closure_limit_rad,
@@ -235,65 +239,42 @@ impl HandForceLayout {
 }
 
 impl MountLayout {
-    /// The pose of the device's plane.
-    pub fn check(&self) -> Result<Mount, FieldError> {
-        for (i, &value) in self.position_m.iter().enumerate() {
-            units::POSITION.check(&format!("mount.position_m[{i}]"), value)?;
-        }
-        let [x, y, z, w] = self.orientation_xyzw;
-        let written = Quaternion::new(w, x, y, z);
-        units::QUATERNION_LENGTH.check("mount.orientation_xyzw", written.norm())?;
-        Ok(Mount {
-            p_WB_m: Vector3::from(self.position_m),
-            q_WB: UnitQuaternion::from_quaternion(written),
-        })
+    /// Puts the pose of the device's plane into the settings.
+    pub fn check(&self, settings: &mut Settings) -> Result<(), FieldError> {
+        settings.set("mount.position_m", &Setting::MountPosition_m(self.position_m))?;
+        let orientation = Setting::MountOrientation_xyzw(self.orientation_xyzw);
+        settings.set("mount.orientation_xyzw", &orientation)
     }
 }
 
 impl ToolLayout {
-    /// What is fixed to the handle.
-    pub fn check(&self) -> Result<Tool, FieldError> {
-        for (i, &value) in self.offset_m.iter().enumerate() {
-            units::TOOL_OFFSET.check(&format!("tool.offset_m[{i}]"), value)?;
-        }
-        let radius_m = units::TOOL_RADIUS.check("tool.radius_m", self.radius_m)?;
-        Ok(Tool { offset_B_m: Vector3::from(self.offset_m), radius_m, ..Tool::default() })
+    /// Puts what is fixed to the handle into the settings.
+    pub fn check(&self, settings: &mut Settings) -> Result<(), FieldError> {
+        settings.set("tool.offset_m", &Setting::ToolOffset_m(self.offset_m))?;
+        settings.set("tool.radius_m", &Setting::ToolRadius_m(self.radius_m))?;
+        settings.set("tool.points_m", &Setting::ToolPoints_m(self.points_m.clone()))
     }
 }
 
 impl ControlLayout {
-    /// Tick period, law and guards.
-    pub fn check(&self) -> Result<(u64, Strategy, Guards), FieldError> {
-        let number =
-            |name: &str, range: &Range, value| range.check(&format!("control.{name}"), value);
-        let count = |name: &str, range: &Range, value| {
-            let whole = range.check_whole(&format!("control.{name}"), value)?;
-            Ok(u32::try_from(whole).unwrap_or(u32::MAX))
-        };
-        let rate_hz = number("rate_hz", &units::RATE, self.rate_hz)?;
-        let ramp_ms = number("stale_ramp_ms", &units::RAMP, self.stale_ramp_ms)?;
-        let guards = Guards {
-            force_limit_N: number("force_limit_N", &units::FORCE_LIMIT, self.force_limit_N)?,
-            slew_N_per_s: number("slew_N_per_s", &units::SLEW, self.slew_N_per_s)?,
-            stale_ramp_ns: (ramp_ms * 1e6).round() as u64,
-            closure_limit_rad: number(
-                "closure_limit_rad",
-                &units::CLOSURE,
-                self.closure_limit_rad,
-            )?,
-            stop_capacity_Nm: number(
-                "stop_capacity_Nm",
-                &units::HOLDING_TORQUE,
-                self.stop_capacity_Nm,
-            )?,
-            max_overruns: count("max_overruns", &units::IN_A_ROW, self.max_overruns)?,
-            max_device_errors: count(
-                "max_device_errors",
-                &units::BLIND_TICKS,
-                self.max_device_errors,
-            )?,
-        };
-        Ok(((1e9 / rate_hz).round() as u64, self.strategy()?, guards))
+    /// Puts law and guards into the settings; the tick period.
+    pub fn check(&self, settings: &mut Settings) -> Result<u64, FieldError> {
+        for (key, setting) in [
+            ("strategy", Setting::Strategy(self.strategy()?)),
+            ("force_limit_N", Setting::ForceLimit_N(self.force_limit_N)),
+            ("force_gain", Setting::ForceGain(self.force_gain)),
+            ("activation_ramp_ms", Setting::ActivationRamp_ms(self.activation_ramp_ms)),
+            ("slew_N_per_s", Setting::Slew_N_per_s(self.slew_N_per_s)),
+            ("stale_ramp_ms", Setting::StaleRamp_ms(self.stale_ramp_ms)),
+            ("closure_limit_rad", Setting::ClosureLimit_rad(self.closure_limit_rad)),
+            ("stop_capacity_Nm", Setting::StopCapacity_Nm(self.stop_capacity_Nm)),
+            ("max_overruns", Setting::MaxOverruns(self.max_overruns)),
+            ("max_device_errors", Setting::MaxDeviceErrors(self.max_device_errors)),
+        ] {
+            settings.set(&format!("control.{key}"), &setting)?;
+        }
+        let rate_hz = units::RATE.check("control.rate_hz", self.rate_hz)?;
+        Ok((1e9 / rate_hz).round() as u64)
     }
 
     fn strategy(&self) -> Result<Strategy, FieldError> {

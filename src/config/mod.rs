@@ -17,15 +17,17 @@ mod scene_file;
 mod scene_layout;
 mod server;
 mod server_layout;
+mod settings;
 
 pub use device::{BUILT_IN, DeviceDefinition};
 pub use error::ConfigError;
 pub use id::Id;
 pub use object::{ObjectKind, SceneObject};
-pub use plan::build_plan;
+pub use plan::{build_plan, plan_with};
 pub use scene::{ExpectedRevision, Scene, SceneError};
 pub use scene_file::{SceneFile, StateDir, StateError};
 pub use server::{
     EXAMPLE, LogConfig, LogFormat, LogLevel, Overrides, RealtimePolicy, ServerConfig,
     SessionLimits, default_state_dir,
 };
+pub use settings::{Setting, Settings, SettingsError};

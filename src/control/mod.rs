@@ -13,6 +13,7 @@
     deny(clippy::disallowed_types, clippy::disallowed_methods, clippy::disallowed_macros)
 )]
 
+mod activation;
 mod command;
 mod desire;
 mod estimate;
@@ -41,6 +42,8 @@ pub use tick::{Decision, TickInput, tick};
 
 #[cfg(test)]
 mod fade_tests;
+#[cfg(test)]
+mod gain_tests;
 #[cfg(test)]
 mod passivity_tests;
 #[cfg(test)]

@@ -235,6 +235,13 @@ fn desire(
     let controller_cap_N = state.authority.cap_N(input.now_ns, ramp_ns);
     let clutch_cap_N = state.authority.clutch_cap_N(input.now_ns, ramp_ns);
     let live = controller_cap_N > 0.0;
+    let activation = match state.mode {
+        Mode::Enabled => state.activation.share(input.now_ns, input.plan.guards.activation_ramp_ns),
+        _ => 1.0,
+    };
+    // A fade begins at what was given; it is not made smaller a second time.
+    let controller_cap_N =
+        if activation > 0.0 { controller_cap_N / activation } else { controller_cap_N };
     let contacts = || setpoint.contacts().filter(|_| live);
     state.contacts.follow(setpoint.epoch, contacts());
     let mut desired = Desired::default();
@@ -252,6 +259,7 @@ fn desire(
     let asking =
         Asking { tool, estimate, plan: input.plan, capability, controller, controller_cap_N };
     let mut request = Request::from_desired(&desired, &asking);
+    request.grow(activation);
     request.cap(clutch_cap_N, &asking);
     request.limits.set(Limit::Clutch, state.authority.is_clutched());
     let total_N = request.total_N(&asking);

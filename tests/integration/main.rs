@@ -17,6 +17,8 @@ mod refusals;
 #[cfg(feature = "net")]
 mod services;
 #[cfg(feature = "net")]
+mod settings;
+#[cfg(feature = "net")]
 mod stream;
 #[cfg(feature = "net")]
 mod support;

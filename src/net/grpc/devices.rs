@@ -8,9 +8,9 @@ use tokio::time::{Instant, MissedTickBehavior, interval, sleep};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status};
 
-use super::{Lane, convert, field_status, names};
+use super::{Lane, convert, field_status, names, settings};
 use crate::actuation::ActuatorKind;
-use crate::config::Id;
+use crate::config::{Id, Settings};
 use crate::control::{ModeCommand, Report};
 use crate::host::DeviceHost;
 use crate::proto::device_service_server::DeviceService;
@@ -44,6 +44,7 @@ pub struct Devices {
     host: Arc<DeviceHost>,
     modes: Lane,
     stops: Lane,
+    settings: Lane,
     watches: Arc<Semaphore>,
     stopped: watch::Receiver<bool>,
 }
@@ -52,7 +53,8 @@ impl Devices {
     /// Of one device; watches end when `stopped` is true or its sender gone.
     pub fn new(host: Arc<DeviceHost>, stopped: watch::Receiver<bool>) -> Self {
         let watches = Arc::new(Semaphore::new(MAX_WATCHES));
-        Self { host, modes: Lane::default(), stops: Lane::default(), watches, stopped }
+        let [modes, stops, settings] = std::array::from_fn(|_| Lane::default());
+        Self { host, modes, stops, settings, watches, stopped }
     }
 
     async fn change(
@@ -152,6 +154,25 @@ impl DeviceService for Devices {
         Ok(Response::new(ReceiverStream::new(watched)))
     }
 
+    async fn get_settings(
+        &self,
+        request: Request<proto::GetSettingsRequest>,
+    ) -> Result<Response<proto::Settings>, Status> {
+        names::expect_device(&self.host, "name", &request.get_ref().name)?;
+        Ok(Response::new(settings::get(&self.host)))
+    }
+
+    async fn update_settings(
+        &self,
+        request: Request<proto::UpdateSettingsRequest>,
+    ) -> Result<Response<proto::Settings>, Status> {
+        let request = request.into_inner();
+        let name = request.settings.as_ref().map_or("", |settings| &settings.name);
+        names::expect_device(&self.host, "settings.name", name)?;
+        let changed = settings::update(Arc::clone(&self.host), &self.settings, request).await?;
+        Ok(Response::new(changed))
+    }
+
     async fn enable(
         &self,
         request: Request<EnableRequest>,
@@ -180,6 +201,7 @@ impl DeviceService for Devices {
 
 fn describe(host: &DeviceHost) -> DeviceDescription {
     let device = host.definition();
+    let Settings { guards, mount, .. } = host.settings().settings;
     let (min_radius_m, max_radius_m) = device.mechanism.reach_m();
     let freedoms = device.mechanism.freedoms() as u32;
     let actuator = |(i, name): (usize, &Id)| ActuatorDescription {
@@ -201,10 +223,10 @@ fn describe(host: &DeviceHost) -> DeviceDescription {
         actuators: device.actuator_names.iter().enumerate().map(actuator).collect(),
         tick_period_s: device.tick_ns as f64 * 1e-9,
         hand_force_sensor: device.force_sensor.is_some(),
-        force_limit_n: device.guards.force_limit_N,
+        force_limit_n: guards.force_limit_N,
         workspace_min_radius_m: min_radius_m,
         workspace_max_radius_m: max_radius_m,
-        mount: convert::pose(&device.mount.p_WB_m, &device.mount.q_WB),
+        mount: convert::pose(&mount.p_WB_m, &mount.q_WB),
         parameters: device.parameters.iter().cloned().collect(),
         handle_mass_kg: device.handle_mass_kg,
     }

@@ -8,6 +8,7 @@ mod convert;
 mod devices;
 mod names;
 mod scenes;
+mod settings;
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -93,6 +94,7 @@ fn host_status(error: &HostError) -> Status {
     match error {
         HostError::Mode(_) => Status::failed_precondition(text),
         HostError::Scene(error) => scene_status(error),
+        HostError::Settings(error) => settings::status(error),
         HostError::State(_) => Status::internal(text),
         HostError::Busy | HostError::Unresponsive => Status::unavailable(text),
     }
