@@ -15,7 +15,7 @@ use crate::config::{
 };
 use crate::control::{ControlCommand, ControlReply, Mode, ModeCommand, ModeRefusal, Report};
 use crate::link::SupervisorEnd;
-use crate::telemetry::LatestReport;
+use crate::telemetry::{EventHistory, LatestReport};
 use crate::units::FieldError;
 
 /// A command waits this long for the loop; at 1 kHz it takes a millisecond.
@@ -112,6 +112,11 @@ impl DeviceHost {
     /// What the last tick sensed and decided.
     pub fn report(&self) -> Report {
         self.latest.get()
+    }
+
+    /// What happened lately.
+    pub fn events(&self) -> &EventHistory {
+        self.latest.events()
     }
 
     /// True of a report whose tick began after all that was acknowledged. Reports pass

@@ -1,18 +1,16 @@
 //! `hapticd ctl`: describe, watch and switch a running device, and edit its scene.
 
-use anyhow::{Context, bail, ensure};
+use anyhow::bail;
 use clap::{Args, Subcommand};
 use serde_json::{Value, json};
 
+use super::target::Target;
 use super::{format, hand, settings, wall};
-use crate::client::{
-    ConnectString, DEFAULT_GRPC_PORT, DEFAULT_STREAM_PORT, Services, ServicesError, services,
-    services_in_plaintext, told,
-};
+use crate::client::{Services, told};
 use crate::proto::{
     ActuatorKind, ActuatorState, ClearFaultRequest, ContactState, DeviceDescription, DeviceMode,
     DeviceState, DisableRequest, EnableRequest, Fault, GetDescriptionRequest, GetStateRequest,
-    ListDevicesRequest, StopRequest, Vector3, WatchStateRequest,
+    StopRequest, Vector3, WatchStateRequest,
 };
 
 /// Talk to the services of a running server.
@@ -23,15 +21,8 @@ use crate::proto::{
   hapticd ctl stop
   hapticd ctl wall add table --point 0,0.4,0 --normal=0,-1,0 --stiffness 5000")]
 pub struct Ctl {
-    /// Where the server is: the line that `serve` prints, or HOST:PORT of its stream
-    #[arg(long, global = true, value_name = "STRING", default_value = "127.0.0.1:7351")]
-    connect: ConnectString,
-    /// Which device, where there are several
-    #[arg(long, global = true, value_name = "NAME")]
-    device: Option<String>,
-    /// Talk to another machine although the services are not encrypted
-    #[arg(long, global = true)]
-    insecure: bool,
+    #[command(flatten)]
+    target: Target,
     /// Print JSON
     #[arg(long, global = true)]
     json: bool,
@@ -92,15 +83,7 @@ impl Ctl {
     }
 
     async fn act(self) -> anyhow::Result<()> {
-        let target = &self.connect;
-        let elsewhere =
-            target.stream_port != DEFAULT_STREAM_PORT && target.grpc_port == DEFAULT_GRPC_PORT;
-        ensure!(
-            !elsewhere || target.sha256.is_some(),
-            "{target} does not say where the services are: use the whole connect string that `serve` prints (with grpc=PORT)"
-        );
-        let mut services = self.services().await?;
-        let name = device_name(&mut services, self.device.as_deref()).await?;
+        let (mut services, name) = self.target.open().await?;
         let devices = &mut services.devices;
         let mode = match self.action {
             Action::Describe => {
@@ -119,7 +102,7 @@ impl Ctl {
             Action::Settings => return settings::show(devices, name, self.json).await,
             Action::Set(set) => return set.run(devices, name, self.json).await,
             Action::Strategy(strategy) => return strategy.run(devices, name, self.json).await,
-            Action::Hand(hand) => return hand.run(&self.connect, &name).await,
+            Action::Hand(hand) => return hand.run(&self.target.connect, &name).await,
             Action::Wall(command) => {
                 return command.run(&mut services.scenes, &name, self.json).await;
             }
@@ -131,41 +114,11 @@ impl Ctl {
         print_mode(&mode.map_err(plain)?.into_inner(), self.json);
         Ok(())
     }
-
-    async fn services(&self) -> anyhow::Result<Services> {
-        let connected = if self.insecure {
-            services_in_plaintext(&self.connect).await
-        } else {
-            services(&self.connect).await
-        };
-        match connected {
-            Err(error @ ServicesError::Plaintext { .. }) => {
-                bail!("{error}; --insecure talks to it all the same")
-            }
-            connected => connected.with_context(|| {
-                let authority = self.connect.grpc_authority();
-                format!("cannot reach the services at {authority}; is `hapticd serve` running? On another gRPC port, use the whole connect string")
-            }),
-        }
-    }
 }
 
 /// A refusal in the server's own words, or that there were none.
 pub fn plain(status: tonic::Status) -> anyhow::Error {
     anyhow::anyhow!(told(&status))
-}
-
-async fn device_name(services: &mut Services, wanted: Option<&str>) -> anyhow::Result<String> {
-    if let Some(name) = wanted {
-        return Ok(format!("devices/{}", name.trim_start_matches("devices/")));
-    }
-    let devices = services.devices.list_devices(ListDevicesRequest {}).await.map_err(plain)?;
-    let mut names = devices.into_inner().devices.into_iter().map(|device| device.name);
-    match (names.next(), names.next()) {
-        (Some(only), None) => Ok(only),
-        (None, _) => bail!("the server has no device"),
-        _ => bail!("the server has several devices: say which with --device"),
-    }
 }
 
 fn print_mode(mode: &DeviceMode, as_json: bool) {

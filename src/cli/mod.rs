@@ -10,12 +10,14 @@ mod config;
 mod ctl;
 mod demo;
 mod doctor;
+mod explain;
 mod format;
 mod hand;
 mod ping;
 mod scene;
 mod serve;
 mod settings;
+mod target;
 mod view;
 mod wall;
 
@@ -38,6 +40,7 @@ enum Command {
     Demo(demo::Demo),
     Scene(scene::Scene),
     Ctl(ctl::Ctl),
+    Explain(explain::Explain),
     Ping(ping::Ping),
     Doctor(doctor::Doctor),
     Config(config::Config),
@@ -50,6 +53,7 @@ pub fn run() -> ExitCode {
         Command::Demo(command) => command.run(),
         Command::Scene(command) => command.run(),
         Command::Ctl(command) => command.run(),
+        Command::Explain(command) => command.run(),
         Command::Ping(command) => command.run(),
         Command::Doctor(command) => command.run(),
         Command::Config(command) => command.run(),

@@ -10,11 +10,11 @@ use std::sync::Arc;
 
 use super::device_file::{CheckedActuators, DeviceLayout, check_actuators};
 use super::{ConfigError, Id, Settings, error};
-use crate::actuation::Strategy;
+use crate::actuation::{Bounds, Capability, ShaftMotion, Strategy};
 use crate::control::{Actuators, Guards, Mount, Tool};
 use crate::device::{ForceSensor, HandProgram, SimulationParameters};
-use crate::mechanism::Mechanism;
-use crate::notation::{ActuatorVector, PlaneVector};
+use crate::mechanism::{Mechanism, Posture};
+use crate::notation::{ActuatorVector, MAX_ACTUATORS, PlaneVector};
 use crate::units::FieldError;
 
 /// The built-in devices: name and file.
@@ -110,6 +110,23 @@ impl DeviceDefinition {
             parameters,
             handle_mass_kg: layout.inertia.handle_mass_kg,
         })
+    }
+
+    /// What its actuators can do in a posture while their shafts move like this.
+    pub fn capability(
+        &self,
+        posture: &Posture,
+        motion: &[ShaftMotion; MAX_ACTUATORS],
+    ) -> Capability {
+        let Actuators { kinds, max_torque_Nm, .. } = &self.actuators;
+        Capability {
+            reference: posture.reference,
+            freedoms: self.mechanism.freedoms(),
+            actuators: self.mechanism.actuators(),
+            kinds: *kinds,
+            bounds: Bounds::given(kinds, max_torque_Nm, motion),
+            moment_length_m: self.mechanism.reach_m().1,
+        }
     }
 
     /// The device as its simulation takes it, with `hand` shrunk to the linkage's reach.

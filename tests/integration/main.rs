@@ -5,6 +5,8 @@
 #[cfg(feature = "net")]
 mod commands;
 #[cfg(feature = "net")]
+mod explain;
+#[cfg(feature = "net")]
 mod hostile;
 #[cfg(feature = "net")]
 mod metrics;

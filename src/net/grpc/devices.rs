@@ -8,7 +8,7 @@ use tokio::time::{Instant, MissedTickBehavior, interval, sleep};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status};
 
-use super::{Lane, convert, field_status, names, settings};
+use super::{Lane, convert, explain, field_status, names, settings};
 use crate::actuation::ActuatorKind;
 use crate::config::{Id, Settings};
 use crate::control::{ModeCommand, Report};
@@ -74,7 +74,7 @@ impl Devices {
 
 /// The newest report, never one from before something that was acknowledged, unless the loop
 /// has stopped reporting.
-async fn report(host: &DeviceHost) -> Report {
+pub(super) async fn report(host: &DeviceHost) -> Report {
     let deadline = Instant::now() + NO_REPORT;
     loop {
         let report = host.report();
@@ -171,6 +171,16 @@ impl DeviceService for Devices {
         names::expect_device(&self.host, "settings.name", name)?;
         let changed = settings::update(Arc::clone(&self.host), &self.settings, request).await?;
         Ok(Response::new(changed))
+    }
+
+    async fn explain(
+        &self,
+        request: Request<proto::ExplainRequest>,
+    ) -> Result<Response<proto::Explanation>, Status> {
+        let request = request.into_inner();
+        names::expect_device(&self.host, "name", &request.name)?;
+        let who = explain::without_sessions;
+        Ok(Response::new(explain::of_last_tick(&self.host, &request, who).await?))
     }
 
     async fn enable(

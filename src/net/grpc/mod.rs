@@ -6,6 +6,7 @@
 
 mod convert;
 mod devices;
+mod explain;
 mod names;
 mod scenes;
 mod settings;
