@@ -5,7 +5,7 @@ use clap::{Args, Subcommand};
 use serde_json::{Value, json};
 
 use super::target::Target;
-use super::{format, hand, settings, wall};
+use super::{events, format, hand, settings, wall};
 use crate::client::{Services, told};
 use crate::proto::{
     ActuatorKind, ActuatorState, ClearFaultRequest, ContactState, DeviceDescription, DeviceMode,
@@ -70,6 +70,8 @@ enum Action {
   hapticd ctl settings
   hapticd ctl settings --json")]
     Settings,
+    Devices(events::ListDevices),
+    Events(events::Events),
     Set(settings::Set),
     Strategy(settings::ChooseStrategy),
     Wall(wall::WallCommand),
@@ -83,9 +85,14 @@ impl Ctl {
     }
 
     async fn act(self) -> anyhow::Result<()> {
+        if let Action::Devices(list) = self.action {
+            return list.run(&mut self.target.services().await?.devices, self.json).await;
+        }
         let (mut services, name) = self.target.open().await?;
         let devices = &mut services.devices;
         let mode = match self.action {
+            // Answered above, for it is about all of them.
+            Action::Devices(_) => return Ok(()),
             Action::Describe => {
                 let description = devices.get_description(GetDescriptionRequest { name }).await;
                 print_description(&description.map_err(plain)?.into_inner(), self.json);
@@ -100,6 +107,7 @@ impl Ctl {
                 return watch(&mut services, name, interval, self.json).await;
             }
             Action::Settings => return settings::show(devices, name, self.json).await,
+            Action::Events(events) => return events.run(devices, name, self.json).await,
             Action::Set(set) => return set.run(devices, name, self.json).await,
             Action::Strategy(strategy) => return strategy.run(devices, name, self.json).await,
             Action::Hand(hand) => return hand.run(&self.target.connect, &name).await,

@@ -10,6 +10,7 @@ mod config;
 mod ctl;
 mod demo;
 mod doctor;
+mod events;
 mod explain;
 mod format;
 mod hand;

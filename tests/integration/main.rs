@@ -26,3 +26,5 @@ mod stream;
 mod support;
 mod tidy;
 mod vectors;
+#[cfg(feature = "net")]
+mod watches;

@@ -2,7 +2,7 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::config::{Id, ObjectKind, SceneObject};
+use crate::config::{Id, ObjectKind, Scene, SceneObject};
 use crate::control::{self, Report};
 use crate::environment::{Material, Source};
 use crate::host::DeviceHost;
@@ -131,21 +131,25 @@ fn limits(report: &Report) -> impl Iterator<Item = proto::Limit> + '_ {
 
 fn contacts(host: &DeviceHost, report: &Report) -> Vec<proto::ContactState> {
     let scene = host.scene();
-    let placed = scene.placed();
-    let name = |source: Source, id: u32| match source {
-        Source::Controller => format!("contacts/{id}"),
-        Source::Scene => {
-            let object = placed.iter().find(|(slot, _)| u32::from(*slot) == id);
-            object.map_or_else(String::new, |(_, object)| names::object(host, object.id().as_str()))
-        }
-    };
     let state = |contact: &control::ContactResult| proto::ContactState {
-        name: name(contact.source, contact.id),
+        name: surface(host, &scene, contact.source, contact.id),
         depth_m: contact.depth_m,
         normal_n: contact.normal_N,
         friction_n: contact.friction_N,
     };
     report.contacts().iter().map(state).collect()
+}
+
+/// The name of a surface that is touched; empty for an object that is gone.
+pub fn surface(host: &DeviceHost, scene: &Scene, source: Source, id: u32) -> String {
+    match source {
+        Source::Controller => format!("contacts/{id}"),
+        Source::Scene => {
+            let placed = scene.placed();
+            let object = placed.iter().find(|(slot, _)| u32::from(*slot) == id);
+            object.map_or_else(String::new, |(_, object)| names::object(host, object.id().as_str()))
+        }
+    }
 }
 
 fn actuators(host: &DeviceHost, report: &Report) -> Vec<proto::ActuatorState> {

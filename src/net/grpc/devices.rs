@@ -8,7 +8,7 @@ use tokio::time::{Instant, MissedTickBehavior, interval, sleep};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status};
 
-use super::{Lane, convert, explain, field_status, names, settings};
+use super::{Lane, convert, explain, field_status, names, settings, watches};
 use crate::actuation::ActuatorKind;
 use crate::config::{Id, Settings};
 use crate::control::{ModeCommand, Report};
@@ -57,6 +57,15 @@ impl Devices {
         Self { host, modes, stops, settings, watches, stopped }
     }
 
+    /// A place among the watches.
+    fn watch(&self) -> Result<watches::Watch, Status> {
+        let Ok(place) = Arc::clone(&self.watches).try_acquire_owned() else {
+            let full = format!("{MAX_WATCHES} watches are open already; end one of them");
+            return Err(Status::resource_exhausted(full));
+        };
+        Ok(watches::Watch { place, stopped: self.stopped.clone() })
+    }
+
     async fn change(
         &self,
         name: &str,
@@ -91,13 +100,31 @@ impl DeviceService for Devices {
         &self,
         _: Request<ListDevicesRequest>,
     ) -> Result<Response<ListDevicesResponse>, Status> {
-        let device = Device {
-            name: names::device(&self.host),
-            mechanism: self.host.definition().mechanism.name().to_owned(),
-            simulated: true,
-            mode: proto::Mode::from(report(&self.host).await.mode).into(),
-        };
+        let device = listed(&self.host, &report(&self.host).await);
         Ok(Response::new(ListDevicesResponse { devices: vec![device] }))
+    }
+
+    type WatchDevicesStream = watches::Answers<ListDevicesResponse>;
+
+    async fn watch_devices(
+        &self,
+        _: Request<proto::WatchDevicesRequest>,
+    ) -> Result<Response<Self::WatchDevicesStream>, Status> {
+        let host = Arc::clone(&self.host);
+        let list = move || vec![listed(&host, &host.report())];
+        Ok(Response::new(watches::devices(list, self.watch()?)))
+    }
+
+    type WatchEventsStream = watches::Answers<proto::DeviceEvent>;
+
+    async fn watch_events(
+        &self,
+        request: Request<proto::WatchEventsRequest>,
+    ) -> Result<Response<Self::WatchEventsStream>, Status> {
+        let request = request.into_inner();
+        names::expect_device(&self.host, "name", &request.name)?;
+        let host = Arc::clone(&self.host);
+        Ok(Response::new(watches::events(host, &request, self.watch()?)?))
     }
 
     async fn get_description(
@@ -130,12 +157,9 @@ impl DeviceService for Devices {
             return Err(field_status(&FieldError::new("interval_ms", interval_ms, allowed)));
         }
         let interval_ms = if interval_ms == 0 { DEFAULT_INTERVAL_MS } else { interval_ms };
-        let Ok(place) = Arc::clone(&self.watches).try_acquire_owned() else {
-            let full = format!("{MAX_WATCHES} watches are open already; end one of them");
-            return Err(Status::resource_exhausted(full));
-        };
+        let watches::Watch { place, mut stopped } = self.watch()?;
         let (states, watched) = mpsc::channel(WAITING_STATES);
-        let (host, mut stopped) = (Arc::clone(&self.host), self.stopped.clone());
+        let host = Arc::clone(&self.host);
         tokio::spawn(async move {
             let _place = place;
             let mut interval = interval(Duration::from_millis(interval_ms.into()));
@@ -206,6 +230,15 @@ impl DeviceService for Devices {
         request: Request<ClearFaultRequest>,
     ) -> Result<Response<DeviceMode>, Status> {
         self.change(&request.get_ref().name, ModeCommand::ClearFault).await
+    }
+}
+
+fn listed(host: &DeviceHost, report: &Report) -> Device {
+    Device {
+        name: names::device(host),
+        mechanism: host.definition().mechanism.name().to_owned(),
+        simulated: true,
+        mode: proto::Mode::from(report.mode).into(),
     }
 }
 

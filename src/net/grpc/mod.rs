@@ -10,6 +10,7 @@ mod explain;
 mod names;
 mod scenes;
 mod settings;
+mod watches;
 
 use std::sync::Arc;
 use std::time::Duration;
