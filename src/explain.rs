@@ -35,6 +35,8 @@ pub enum Reason {
     Fault,
     /// The device was stopped on purpose.
     Stopped,
+    /// The place of the handle is not known.
+    NotHomed,
     /// The device is disabled.
     Disabled,
     /// The client's workspace is clutched: nothing is rendered meanwhile.
@@ -165,6 +167,7 @@ fn reasons(report: &Report, circumstances: &Circumstances) -> Vec<Reason> {
     let found = [
         (Reason::Fault, report.mode == Mode::Fault),
         (Reason::Stopped, report.mode == Mode::Stopped),
+        (Reason::NotHomed, report.mode == Mode::Disabled && !report.homed),
         (Reason::Disabled, report.mode == Mode::Disabled),
         (Reason::Clutched, limited(Limit::Clutch)),
         (Reason::Stale, limited(Limit::Stale) || ran_out),
@@ -214,6 +217,10 @@ fn sentence(reason: Reason, report: &Report, circumstances: &Circumstances) -> S
         Reason::Stopped => {
             "The device was stopped: brakes hold their stop capacity, nothing is rendered; \
              Disable, then Enable it."
+                .into()
+        }
+        Reason::NotHomed => {
+            "The place of the handle is not known: put it at its home place, Home, then Enable."
                 .into()
         }
         Reason::Disabled => "The device is disabled: Enable it.".into(),

@@ -13,7 +13,9 @@ use crate::clock::now_ns;
 use crate::config::{
     DeviceDefinition, Scene, SceneError, SceneFile, Settings, SettingsError, StateError, plan_with,
 };
-use crate::control::{ControlCommand, ControlReply, Mode, ModeCommand, ModeRefusal, Report};
+use crate::control::{
+    ControlCommand, ControlReply, HomeRefusal, Mode, ModeCommand, ModeRefusal, Report,
+};
 use crate::link::SupervisorEnd;
 use crate::telemetry::{EventHistory, LatestReport};
 use crate::units::FieldError;
@@ -36,6 +38,9 @@ pub enum HostError {
     /// The mode does not allow it.
     #[error(transparent)]
     Mode(#[from] ModeRefusal),
+    /// The device cannot be homed now, or need not be.
+    #[error(transparent)]
+    Home(#[from] HomeRefusal),
     /// The scene does not allow it.
     #[error(transparent)]
     Scene(#[from] SceneError),
@@ -135,7 +140,15 @@ impl DeviceHost {
     pub fn change_mode(&self, command: ModeCommand) -> Result<Mode, HostError> {
         match self.execute(ControlCommand::Mode(command), None)? {
             ControlReply::Mode(answer) => Ok(answer?),
-            ControlReply::Retired(_) => Err(HostError::Unresponsive),
+            ControlReply::Home(_) | ControlReply::Retired(_) => Err(HostError::Unresponsive),
+        }
+    }
+
+    /// The handle is at its home place now.
+    pub fn home(&self) -> Result<(), HostError> {
+        match self.execute(ControlCommand::Home, None)? {
+            ControlReply::Home(answer) => Ok(answer?),
+            ControlReply::Mode(_) | ControlReply::Retired(_) => Err(HostError::Unresponsive),
         }
     }
 

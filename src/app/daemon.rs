@@ -90,8 +90,9 @@ impl Daemon {
         })?;
 
         let plan = Box::new(build_plan(&definition, &scene));
-        // A simulated device harms nobody and is enabled at once.
-        let cycle = Cycle::new(device, ControlState::new(Mode::Enabled), plan, rt_end);
+        // A simulated device harms nobody and is enabled at once, where its place is known.
+        let mode = if definition.home_m.is_some() { Mode::Disabled } else { Mode::Enabled };
+        let cycle = Cycle::new(device, ControlState::new(mode), plan, rt_end);
         let feed = Feed::start(records, metrics, definition.tick_ns)?;
         let rt = rt::spawn(cycle, rt_config(config), doorbell)?;
         tell_rights(&rt, &rights);

@@ -5,12 +5,12 @@ use clap::{Args, Subcommand};
 use serde_json::{Value, json};
 
 use super::target::Target;
-use super::{events, format, hand, settings, wall};
+use super::{events, format, hand, manipulability, settings, wall};
 use crate::client::{Services, told};
 use crate::proto::{
     ActuatorKind, ActuatorState, ClearFaultRequest, ContactState, DeviceDescription, DeviceMode,
     DeviceState, DisableRequest, EnableRequest, Fault, GetDescriptionRequest, GetStateRequest,
-    StopRequest, Vector3, WatchStateRequest,
+    HomeRequest, Homing, StopRequest, Vector3, WatchStateRequest,
 };
 
 /// Talk to the services of a running server.
@@ -49,6 +49,10 @@ enum Action {
         #[arg(long, value_name = "MS", default_value_t = 200)]
         interval: u32,
     },
+    /// Say that the handle is at its home place (incremental encoders)
+    #[command(after_help = "Example:
+  hapticd ctl home")]
+    Home,
     /// Begin to render forces
     #[command(after_help = "Example:
   hapticd ctl enable")]
@@ -72,6 +76,7 @@ enum Action {
     Settings,
     Devices(events::ListDevices),
     Events(events::Events),
+    Manipulability(manipulability::ShowManipulability),
     Set(settings::Set),
     Strategy(settings::ChooseStrategy),
     Wall(wall::WallCommand),
@@ -107,9 +112,15 @@ impl Ctl {
                 return watch(&mut services, name, interval, self.json).await;
             }
             Action::Settings => return settings::show(devices, name, self.json).await,
+            Action::Manipulability(show) => return show.run(devices, name, self.json).await,
             Action::Events(events) => return events.run(devices, name, self.json).await,
             Action::Set(set) => return set.run(devices, name, self.json).await,
             Action::Strategy(strategy) => return strategy.run(devices, name, self.json).await,
+            Action::Home => {
+                let state = devices.home(HomeRequest { name }).await.map_err(plain)?;
+                print_state(&state.into_inner(), self.json);
+                return Ok(());
+            }
             Action::Hand(hand) => return hand.run(&self.target.connect, &name).await,
             Action::Wall(command) => {
                 return command.run(&mut services.scenes, &name, self.json).await;
@@ -180,6 +191,7 @@ fn print_description(description: &DeviceDescription, as_json: bool) {
                 "force_limit_n": description.force_limit_n,
                 "workspace_radius_m": [description.workspace_min_radius_m, description.workspace_max_radius_m],
                 "handle_mass_kg": description.handle_mass_kg,
+                "home_m": description.home_m.as_ref().map(|home| [home.x, home.y]),
                 "actuators": actuators,
                 "parameters": parameters,
             })
@@ -205,6 +217,9 @@ fn print_description(description: &DeviceDescription, as_json: bool) {
         description.workspace_max_radius_m,
         description.handle_mass_kg
     );
+    if let Some(home) = &description.home_m {
+        say!("  incremental encoders, to be homed at ({}, {}) m of its plane", home.x, home.y);
+    }
     for actuator in &description.actuators {
         say!(
             "  {}: {}, {} N m, lag {} ms, {} counts",
@@ -237,6 +252,7 @@ fn state_json(state: &DeviceState) -> Value {
         "mode": format::mode(state.mode()),
         "fault": (state.fault() != Fault::Unspecified).then(|| format::word(state.fault().as_str_name(), "FAULT_")),
         "tick": state.tick,
+        "homing": format::word(state.homing().as_str_name(), "HOMING_"),
         "position_m": array(state.measured_cp.as_ref().and_then(|pose| pose.position_m.as_ref())),
         "velocity_m_per_s": array(state.measured_cv.as_ref().and_then(|twist| twist.linear_m_per_s.as_ref())),
         "hand_force_n": force(&state.measured_cf),
@@ -283,6 +299,9 @@ fn print_state(state: &DeviceState, as_json: bool) {
     say!("{}: {}, tick {}", state.name, format::mode(state.mode()), state.tick);
     if state.fault() != Fault::Unspecified {
         say!("  fault       {}", format::word(state.fault().as_str_name(), "FAULT_"));
+    }
+    if state.homing() == Homing::Needed {
+        say!("  homing      needed: the place below means nothing before `hapticd ctl home`");
     }
     say!(
         "  position    {} m",

@@ -14,6 +14,7 @@ mod events;
 mod explain;
 mod format;
 mod hand;
+mod manipulability;
 mod ping;
 mod scene;
 mod serve;

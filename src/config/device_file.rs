@@ -24,6 +24,8 @@ pub(super) struct DeviceLayout {
     pub inertia: InertiaLayout,
     pub actuators: Vec<ActuatorLayout>,
     #[serde(default)]
+    pub encoders: EncodersLayout,
+    #[serde(default)]
     pub hand_force: HandForceLayout,
     #[serde(default)]
     pub mount: MountLayout,
@@ -63,6 +65,20 @@ fn usual_lag() -> f64 {
 
 fn usual_counts() -> i64 {
     65_536
+}
+
+/// `[encoders]`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct EncodersLayout {
+    pub kind: String,
+    pub home_m: Option<[f64; 2]>,
+}
+
+impl Default for EncodersLayout {
+    fn default() -> Self {
+        Self { kind: "absolute".into(), home_m: None }
+    }
 }
 
 /// `[hand_force]`.
@@ -207,6 +223,29 @@ impl ActuatorLayout {
         units::HOLDING_TORQUE.check("residual_torque_Nm", self.residual_torque_Nm)?;
         units::COUNTS.check_whole("counts_per_revolution", self.counts_per_revolution)?;
         Ok((name, kind))
+    }
+}
+
+impl EncodersLayout {
+    /// The home place that incremental encoders need; `None`: they are absolute.
+    pub fn check(&self) -> Result<Option<[f64; 2]>, FieldError> {
+        let home_m = "encoders.home_m";
+        match (self.kind.as_str(), self.home_m) {
+            ("absolute", None) => Ok(None),
+            ("absolute", Some([x, y])) => {
+                let needs = "needs kind = \"incremental\"";
+                Err(FieldError::new(home_m, format!("[{x}, {y}] m"), needs))
+            }
+            ("incremental", Some(home_m)) => Ok(Some(home_m)),
+            ("incremental", None) => {
+                let needed = "is required: where the handle is when the device is homed";
+                Err(FieldError::new(home_m, "(none)", needed))
+            }
+            (other, _) => {
+                let allowed = "must be \"absolute\" or \"incremental\"";
+                Err(FieldError::new("encoders.kind", quoted(other), allowed))
+            }
+        }
     }
 }
 

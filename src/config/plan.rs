@@ -17,6 +17,7 @@ pub fn plan_with(device: &DeviceDefinition, settings: &Settings, scene: &Scene) 
     Plan {
         mechanism: Arc::clone(&device.mechanism),
         actuators: device.actuators,
+        home_rad: device.home_rad,
         mount: settings.mount,
         tool: settings.tool,
         tick_ns: device.tick_ns,

@@ -18,6 +18,7 @@ mod command;
 mod desire;
 mod estimate;
 mod guard;
+mod homing;
 mod limits;
 mod mode;
 mod plan;
@@ -31,6 +32,7 @@ mod walls;
 
 pub use command::{ControlCommand, ControlReply};
 pub use estimate::Estimate;
+pub use homing::HomeRefusal;
 pub use limits::{Limit, Limits};
 pub use mode::{Fault, Mode, ModeCommand, ModeRefusal};
 pub use plan::{Actuators, Guards, Mount, Plan, Tool};
@@ -44,6 +46,8 @@ pub use tick::{Decision, TickInput, tick};
 mod fade_tests;
 #[cfg(test)]
 mod gain_tests;
+#[cfg(test)]
+mod homing_tests;
 #[cfg(test)]
 mod passivity_tests;
 #[cfg(test)]

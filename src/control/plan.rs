@@ -105,6 +105,8 @@ pub struct Plan {
     pub mechanism: Arc<dyn Mechanism>,
     /// Its actuators.
     pub actuators: Actuators,
+    /// Shaft angles at the home place, of incremental encoders; `None`: they are absolute.
+    pub home_rad: Option<ActuatorVector>,
     /// Where its plane lies.
     pub mount: Mount,
     /// What it carries.

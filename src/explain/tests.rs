@@ -11,6 +11,7 @@ fn wrench(x: f64) -> Wrench {
 fn felt() -> Report {
     Report {
         mode: Mode::Enabled,
+        homed: true,
         requested: wrench(-5.0),
         achievable: wrench(-5.0),
         rendered: wrench(-5.0),
@@ -68,6 +69,7 @@ fn each_way_has_its_first_reason() {
     let cases = [
         (fault, one(), Reason::Fault),
         (Report { mode: Mode::Disabled, ..free() }, one(), Reason::Disabled),
+        (Report { mode: Mode::Disabled, homed: false, ..free() }, one(), Reason::NotHomed),
         (Report { mode: Mode::Stopped, ..free() }, one(), Reason::Stopped),
         (Report { limits: limited(Limit::Clutch), ..free() }, one(), Reason::Clutched),
         (with(Limit::Stale), one(), Reason::Stale),

@@ -7,7 +7,11 @@ mod commands;
 #[cfg(feature = "net")]
 mod explain;
 #[cfg(feature = "net")]
+mod homing;
+#[cfg(feature = "net")]
 mod hostile;
+#[cfg(feature = "net")]
+mod manipulability;
 #[cfg(feature = "net")]
 mod metrics;
 #[cfg(feature = "net")]

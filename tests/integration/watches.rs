@@ -133,7 +133,9 @@ fn the_command_prints_what_happened() {
     let told = ctl(&["events", "--json"]).ok().stdout;
     let ids: Vec<u64> = told
         .lines()
-        .map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()["id"].as_u64().unwrap())
+        .map(|line| {
+            serde_json::from_str::<serde_json::Value>(line).unwrap()["id"].as_u64().unwrap()
+        })
         .collect();
     assert!(ids.len() >= 2 && ids.is_sorted(), "{ids:?}");
     ctl(&["events", "--after", "99999"]).refused(&["after_id = 99999"]);

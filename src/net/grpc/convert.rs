@@ -121,6 +121,15 @@ pub fn state_to_proto(host: &DeviceHost, report: &Report) -> proto::DeviceState 
         fault: report.fault.map_or(proto::Fault::Unspecified, Into::into).into(),
         command_seq: report.command_seq,
         buttons: report.buttons,
+        homing: homing(host, report).into(),
+    }
+}
+
+fn homing(host: &DeviceHost, report: &Report) -> proto::Homing {
+    match (host.definition().home_m, report.homed) {
+        (None, _) => proto::Homing::NotNeeded,
+        (Some(_), false) => proto::Homing::Needed,
+        (Some(_), true) => proto::Homing::Done,
     }
 }
 

@@ -8,7 +8,7 @@ use tokio::time::{Instant, MissedTickBehavior, interval, sleep};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status};
 
-use super::{Lane, convert, explain, field_status, names, settings, watches};
+use super::{Lane, convert, explain, field_status, manipulability, names, settings, watches};
 use crate::actuation::ActuatorKind;
 use crate::config::{Id, Settings};
 use crate::control::{ModeCommand, Report};
@@ -207,6 +207,25 @@ impl DeviceService for Devices {
         Ok(Response::new(explain::of_last_tick(&self.host, &request, who).await?))
     }
 
+    async fn get_manipulability(
+        &self,
+        request: Request<proto::GetManipulabilityRequest>,
+    ) -> Result<Response<proto::Manipulability>, Status> {
+        names::expect_device(&self.host, "name", &request.get_ref().name)?;
+        Ok(Response::new(manipulability::get(&self.host, request.get_ref()).await?))
+    }
+
+    async fn home(
+        &self,
+        request: Request<proto::HomeRequest>,
+    ) -> Result<Response<DeviceState>, Status> {
+        names::expect_device(&self.host, "name", &request.get_ref().name)?;
+        let host = Arc::clone(&self.host);
+        self.modes.run(move || host.home()).await?;
+        tracing::info!("homed");
+        Ok(Response::new(convert::state_to_proto(&self.host, &report(&self.host).await)))
+    }
+
     async fn enable(
         &self,
         request: Request<EnableRequest>,
@@ -272,5 +291,6 @@ fn describe(host: &DeviceHost) -> DeviceDescription {
         mount: convert::pose(&mount.p_WB_m, &mount.q_WB),
         parameters: device.parameters.iter().cloned().collect(),
         handle_mass_kg: device.handle_mass_kg,
+        home_m: device.home_m.map(|[x, y]| proto::Vector3 { x, y, z: 0.0 }),
     }
 }

@@ -106,6 +106,7 @@ impl From<Reason> for proto::Reason {
         match reason {
             Reason::Fault => Self::Fault,
             Reason::Stopped => Self::Stopped,
+            Reason::NotHomed => Self::NotHomed,
             Reason::Disabled => Self::Disabled,
             Reason::Clutched => Self::Clutched,
             Reason::Stale => Self::Stale,

@@ -7,6 +7,7 @@
 mod convert;
 mod devices;
 mod explain;
+mod manipulability;
 mod names;
 mod scenes;
 mod settings;
@@ -94,7 +95,7 @@ impl Lane {
 fn host_status(error: &HostError) -> Status {
     let text = error.to_string();
     match error {
-        HostError::Mode(_) => Status::failed_precondition(text),
+        HostError::Mode(_) | HostError::Home(_) => Status::failed_precondition(text),
         HostError::Scene(error) => scene_status(error),
         HostError::Settings(error) => settings::status(error),
         HostError::State(_) => Status::internal(text),
