@@ -200,6 +200,7 @@ fn asks(report: &Report) -> bool {
     report.requested.force_N.norm() > ASKED || report.requested.moment_Nm.norm() > ASKED
 }
 
+/// Why, with the numbers of this tick where there are any.
 fn sentence(reason: Reason, report: &Report, circumstances: &Circumstances) -> String {
     let around = &circumstances.around;
     let nearest = || match &around.nearest {
@@ -209,51 +210,22 @@ fn sentence(reason: Reason, report: &Report, circumstances: &Circumstances) -> S
         None => "the fields of the scene ask nothing of a tool that moves like this".into(),
     };
     let asked_N = report.requested.force_N.norm() * circumstances.force_gain;
-    match reason {
-        Reason::Fault => format!(
+    match (reason, report.approximation_angle_rad, circumstances.range_N, circumstances.ran_out_s) {
+        (Reason::Fault, ..) => format!(
             "The device is in fault ({}): every actuator is released until ClearFault and Enable.",
             report.fault.map_or("unknown", |fault| fault.name())
         ),
-        Reason::Stopped => {
-            "The device was stopped: brakes hold their stop capacity, nothing is rendered; \
-             Disable, then Enable it."
-                .into()
+        (Reason::Stale, _, _, Some(ago_s)) if !report.limits.contains(Limit::Stale) => {
+            format!("The controller's last command ran out {ago_s:.1} s ago, and none came since.")
         }
-        Reason::NotHomed => {
-            "The place of the handle is not known: put it at its home place, Home, then Enable."
-                .into()
-        }
-        Reason::Disabled => "The device is disabled: Enable it.".into(),
-        Reason::Clutched => {
-            "The client's workspace is clutched: nothing is rendered until it lets go.".into()
-        }
-        Reason::Stale => match circumstances.ran_out_s {
-            Some(ago_s) if !report.limits.contains(Limit::Stale) => {
-                format!(
-                    "The controller's last command ran out {ago_s:.1} s ago, and none came since."
-                )
-            }
-            _ => {
-                "The controller's last command ran out: its force fades until the next one.".into()
-            }
-        },
-        Reason::NoGain => "The force gain is set to 0: nothing of what is asked is wanted.".into(),
-        Reason::Observer => {
-            "This session only observes, nobody commands, and the scene asks nothing here; \
-             connect as controller to command."
-                .into()
-        }
-        Reason::NoScene => {
-            "There is nothing to feel: the scene has no object and no command is in force.".into()
-        }
-        Reason::GivenAway => format!(
+        (Reason::GivenAway, ..) => format!(
             "The tool is inside {}, which began around it and gave way: move out and come back.",
             around.nearest.as_ref().map_or("a surface", |nearest| &nearest.name)
         ),
-        Reason::OutOfReach => {
+        (Reason::OutOfReach, ..) => {
             format!("Out of range: the handle can get to no surface of the scene; {}.", nearest())
         }
-        Reason::NothingTouched => format!(
+        (Reason::NothingTouched, ..) => format!(
             "The tool touches nothing: it is at ({:.3}, {:.3}, {:.3}) m, and {}.",
             report.p_WT_m.x,
             report.p_WT_m.y,
@@ -263,40 +235,71 @@ fn sentence(reason: Reason, report: &Report, circumstances: &Circumstances) -> S
                 seq => format!("command {seq} asks nothing here"),
             }
         ),
-        Reason::OutsideFreedoms => {
-            "Part of what is asked points where the device has no freedom.".into()
+        (Reason::ForceLimit, ..) => {
+            let limit_N = circumstances.force_limit_N;
+            format!("{asked_N:.1} N are asked, more than the force limit of {limit_N:.1} N.")
         }
+        (Reason::DeviceRange, _, Some(range_N), _) => format!(
+            "{asked_N:.1} N are asked, more than the {range_N:.1} N that the device has here in that direction."
+        ),
+        (Reason::Gain, ..) => {
+            let share = circumstances.force_gain * 100.0;
+            format!("The force gain takes {share:.0} % of what is asked.")
+        }
+        (Reason::Approximate, Some(angle_rad), ..) => format!(
+            "The actuators cannot give this direction; the nearest is {:.0} degrees away.",
+            angle_rad.to_degrees()
+        ),
+        _ => always(reason).into(),
+    }
+}
+
+/// Why, whatever the numbers.
+fn always(reason: Reason) -> &'static str {
+    match reason {
+        Reason::Fault => "The device is in fault.",
+        Reason::Stopped => {
+            "The device was stopped: brakes hold their stop capacity, nothing is rendered; \
+             Disable, then Enable it."
+        }
+        Reason::NotHomed => {
+            "The place of the handle is not known: put it at its home place, Home, then Enable."
+        }
+        Reason::Disabled => "The device is disabled: Enable it.",
+        Reason::Clutched => {
+            "The client's workspace is clutched: nothing is rendered until it lets go."
+        }
+        Reason::Stale => {
+            "The controller's last command ran out: its force fades until the next one."
+        }
+        Reason::NoGain => "The force gain is set to 0: nothing of what is asked is wanted.",
+        Reason::Observer => {
+            "This session only observes, nobody commands, and the scene asks nothing here; \
+             connect as controller to command."
+        }
+        Reason::NoScene => {
+            "There is nothing to feel: the scene has no object and no command is in force."
+        }
+        Reason::GivenAway => "The tool is inside a surface that began around it and gave way.",
+        Reason::OutOfReach => "The handle can get to no surface of the scene.",
+        Reason::NothingTouched => "The tool touches nothing.",
+        Reason::OutsideFreedoms => "Part of what is asked points where the device has no freedom.",
         Reason::NotDisplayable => {
-            "The force asked for points along the motion: brakes would have to push.".into()
+            "The force asked for points along the motion: brakes would have to push."
         }
-        Reason::ForceLimit => format!(
-            "{asked_N:.1} N are asked, more than the force limit of {:.1} N.",
-            circumstances.force_limit_N
-        ),
-        Reason::DeviceRange => format!(
-            "{asked_N:.1} N are asked, more than the {:.1} N that the device has here in that direction.",
-            circumstances.range_N.unwrap_or_default()
-        ),
-        Reason::TorqueLimit => "An actuator gives all the torque that it has.".into(),
-        Reason::Activation => "The device was enabled a moment ago: the force still grows.".into(),
-        Reason::Slew => "A soft force is still growing, as fast as the slew limit lets it.".into(),
+        Reason::ForceLimit => "More is asked than the force limit.",
+        Reason::DeviceRange => "More is asked than the device has here in that direction.",
+        Reason::TorqueLimit => "An actuator gives all the torque that it has.",
+        Reason::Activation => "The device was enabled a moment ago: the force still grows.",
+        Reason::Slew => "A soft force is still growing, as fast as the slew limit lets it.",
         Reason::TooManyContacts => {
-            "More surfaces are touched than a law considers; the strongest count.".into()
+            "More surfaces are touched than a law considers; the strongest count."
         }
-        Reason::Gain => format!(
-            "The force gain takes {:.0} % of what is asked.",
-            circumstances.force_gain * 100.0
-        ),
-        Reason::Approximate => match report.approximation_angle_rad {
-            Some(angle_rad) => format!(
-                "The actuators cannot give this direction; the nearest is {:.0} degrees away.",
-                angle_rad.to_degrees()
-            ),
-            None => "The actuators cannot give this direction; the nearest is given.".into(),
-        },
-        Reason::Stuck => "The brakes hold the handle where it should be free to slide.".into(),
+        Reason::Gain => "The force gain takes less than what is asked.",
+        Reason::Approximate => "The actuators cannot give this direction; the nearest is given.",
+        Reason::Stuck => "The brakes hold the handle where it should be free to slide.",
         Reason::Unmeasured => {
-            "There is no force sensor, and what a brake that holds gives cannot be told.".into()
+            "There is no force sensor, and what a brake that holds gives cannot be told."
         }
     }
 }
