@@ -9,6 +9,7 @@
 //! Nothing here decides at run time.
 
 mod daemon;
+pub mod echo;
 mod log;
 mod reachable;
 mod services;

@@ -20,6 +20,7 @@ mod scene;
 mod serve;
 mod settings;
 mod target;
+mod top;
 mod view;
 mod wall;
 
@@ -44,6 +45,7 @@ enum Command {
     Ctl(ctl::Ctl),
     Explain(explain::Explain),
     Ping(ping::Ping),
+    Top(top::Top),
     Doctor(doctor::Doctor),
     Config(config::Config),
 }
@@ -57,6 +59,7 @@ pub fn run() -> ExitCode {
         Command::Ctl(command) => command.run(),
         Command::Explain(command) => command.run(),
         Command::Ping(command) => command.run(),
+        Command::Top(command) => command.run(),
         Command::Doctor(command) => command.run(),
         Command::Config(command) => command.run(),
     };

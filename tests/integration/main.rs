@@ -29,6 +29,8 @@ mod stream;
 #[cfg(feature = "net")]
 mod support;
 mod tidy;
+#[cfg(feature = "net")]
+mod top;
 mod vectors;
 #[cfg(feature = "net")]
 mod watches;

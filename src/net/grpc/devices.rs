@@ -42,6 +42,7 @@ const PAUSE: Duration = Duration::from_millis(1);
 /// The service.
 pub struct Devices {
     host: Arc<DeviceHost>,
+    http_port: u16,
     modes: Lane,
     stops: Lane,
     settings: Lane,
@@ -51,10 +52,10 @@ pub struct Devices {
 
 impl Devices {
     /// Of one device; watches end when `stopped` is true or its sender gone.
-    pub fn new(host: Arc<DeviceHost>, stopped: watch::Receiver<bool>) -> Self {
+    pub fn new(host: Arc<DeviceHost>, http_port: u16, stopped: watch::Receiver<bool>) -> Self {
         let watches = Arc::new(Semaphore::new(MAX_WATCHES));
         let [modes, stops, settings] = std::array::from_fn(|_| Lane::default());
-        Self { host, modes, stops, settings, watches, stopped }
+        Self { host, http_port, modes, stops, settings, watches, stopped }
     }
 
     /// A place among the watches.
@@ -101,7 +102,7 @@ impl DeviceService for Devices {
         _: Request<ListDevicesRequest>,
     ) -> Result<Response<ListDevicesResponse>, Status> {
         let device = listed(&self.host, &report(&self.host).await);
-        Ok(Response::new(ListDevicesResponse { devices: vec![device] }))
+        Ok(Response::new(ListDevicesResponse { devices: vec![device], http_port: self.http_port }))
     }
 
     type WatchDevicesStream = watches::Answers<ListDevicesResponse>;
@@ -111,7 +112,11 @@ impl DeviceService for Devices {
         _: Request<proto::WatchDevicesRequest>,
     ) -> Result<Response<Self::WatchDevicesStream>, Status> {
         let host = Arc::clone(&self.host);
-        let list = move || vec![listed(&host, &host.report())];
+        let http_port = self.http_port;
+        let list = move || {
+            let devices = vec![listed(&host, &host.report())];
+            ListDevicesResponse { devices, http_port }
+        };
         Ok(Response::new(watches::devices(list, self.watch()?)))
     }
 

@@ -41,10 +41,12 @@ const CALLS: u32 = 2048;
 /// or its sender gone, and the calls under way are answered.
 pub async fn serve(
     door: Door,
+    http_port: u16,
     host: Arc<DeviceHost>,
     mut stopped: watch::Receiver<bool>,
 ) -> anyhow::Result<()> {
-    let devices = DeviceServiceServer::new(Devices::new(Arc::clone(&host), stopped.clone()));
+    let devices =
+        DeviceServiceServer::new(Devices::new(Arc::clone(&host), http_port, stopped.clone()));
     let scenes = SceneServiceServer::new(Scenes::new(host));
     let (reporter, health) = tonic_health::server::health_reporter();
     reporter.set_serving::<DeviceServiceServer<Devices>>().await;

@@ -75,19 +75,16 @@ pub fn events(
 
 /// The list of devices, at once and whenever it changes.
 pub fn devices(
-    list: impl Fn() -> Vec<proto::Device> + Send + 'static,
+    list: impl Fn() -> proto::ListDevicesResponse + Send + 'static,
     watch: Watch,
 ) -> Answers<proto::ListDevicesResponse> {
     let (sender, answers) = mpsc::channel(1);
     tokio::spawn(async move {
         let (mut last, mut watch) = (None, watch);
         loop {
-            let devices = list();
-            if last.as_ref() != Some(&devices) {
-                let answer = proto::ListDevicesResponse { devices: devices.clone() };
-                if sender.try_send(Ok(answer)).is_ok() {
-                    last = Some(devices);
-                }
+            let answer = list();
+            if last.as_ref() != Some(&answer) && sender.try_send(Ok(answer.clone())).is_ok() {
+                last = Some(answer);
             }
             if !pause(&sender, &mut watch).await {
                 return;
