@@ -102,7 +102,10 @@ impl DeviceService for Devices {
         _: Request<ListDevicesRequest>,
     ) -> Result<Response<ListDevicesResponse>, Status> {
         let device = listed(&self.host, &report(&self.host).await);
-        Ok(Response::new(ListDevicesResponse { devices: vec![device], http_port: self.http_port }))
+        Ok(Response::new(ListDevicesResponse {
+            devices: vec![device],
+            http_port: self.http_port.into(),
+        }))
     }
 
     type WatchDevicesStream = watches::Answers<ListDevicesResponse>;
@@ -115,7 +118,7 @@ impl DeviceService for Devices {
         let http_port = self.http_port;
         let list = move || {
             let devices = vec![listed(&host, &host.report())];
-            ListDevicesResponse { devices, http_port }
+            ListDevicesResponse { devices, http_port: http_port.into() }
         };
         Ok(Response::new(watches::devices(list, self.watch()?)))
     }
