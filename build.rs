@@ -7,9 +7,13 @@ use std::{env, error::Error, fs, path::PathBuf};
 
 use prost::Message;
 
-const PROTOS: [&str; 5] = [
+const PROTOS: [&str; 9] = [
     "proto/hapticd/v1/common.proto",
     "proto/hapticd/v1/stream.proto",
+    "proto/hapticd/v1/settings.proto",
+    "proto/hapticd/v1/explain.proto",
+    "proto/hapticd/v1/watch.proto",
+    "proto/hapticd/v1/manipulability.proto",
     "proto/hapticd/v1/device.proto",
     "proto/hapticd/v1/scene.proto",
     "proto/hapticd/v1/session.proto",

@@ -5,29 +5,23 @@
 //! transport settings of hapticd, and `hapticd` itself with its loop running. Every way has
 //! one `current_thread` runtime at each end, the same payload and the same pace.
 
-mod echo;
 mod measure;
 
 use std::time::Duration;
 
-use echo::{QuicEcho, UdpEcho, Way};
+use hapticd::app::echo::{QuicEcho, Served, UdpEcho, Way, block};
 use hapticd::app::{Daemon, Start};
-use hapticd::client::{Client, ConnectString, Incoming, Options};
+use hapticd::client::{Client, ConnectString, Options};
 use hapticd::config::ServerConfig;
 use hapticd::proto::Role;
 use measure::{Series, print_table, rounds};
 use tokio::runtime::Runtime;
-use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
 
 /// Between two pings: 500 Hz.
 const PACE: Duration = Duration::from_millis(2);
 
-/// Pings of one block, and how many of them only wake everything up.
+/// Pings of one block.
 const BLOCK: usize = 200;
-const WARM_UP: usize = 10;
-
-/// An answer that takes longer is lost.
-const LOST: Duration = Duration::from_millis(200);
 
 /// State for an observer that only pings.
 const SELDOM: Duration = Duration::from_secs(1);
@@ -57,23 +51,23 @@ fn runtime() -> anyhow::Result<Runtime> {
 async fn take_turns(target: &ConnectString) -> anyhow::Result<()> {
     let options =
         Options { state_interval: SELDOM, ..Options::new("round trip bench", Role::Observer) };
-    let mut hapticd = Hapticd(Client::connect(target, options).await?);
+    let mut hapticd = Served(Client::connect(target, options).await?);
     let (mut udp, mut quic) = (UdpEcho::start().await?, QuicEcho::start().await?);
     let mut all =
         ["bare tokio UDP echo", "bare quinn echo", "hapticd, Ping over QUIC"].map(Series::new);
     let mut ratios = Vec::new();
     for round in 0..rounds(12) {
-        let mut block = ["", "", ""].map(Series::new);
-        for turn in 0..block.len() {
-            let which = (round + turn) % block.len();
-            let out = [&mut block[which], &mut all[which]];
+        let mut here = ["", "", ""].map(Series::new);
+        for turn in 0..here.len() {
+            let which = (round + turn) % here.len();
+            let out = [&mut here[which], &mut all[which]];
             match which {
                 0 => ping(&mut udp, out).await?,
                 1 => ping(&mut quic, out).await?,
                 _ => ping(&mut hapticd, out).await?,
             }
         }
-        ratios.push(block[2].us(0.5) / block[1].us(0.5));
+        ratios.push(here[2].us(0.5) / here[1].us(0.5));
     }
     let [udp, quic, hapticd] = &all;
     print_table("round trip at 500 Hz", quic, [udp, quic, hapticd]);
@@ -89,49 +83,8 @@ async fn take_turns(target: &ConnectString) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// One block of pings, sent on time whether or not the one before is back.
+/// One block, into both the block's figures and those of the whole run.
 async fn ping(way: &mut impl Way, mut out: [&mut Series; 2]) -> anyhow::Result<()> {
-    let mut pace = interval(PACE);
-    pace.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    let (mut sent, mut answered) = (0, 0);
-    let mut over = Instant::now() + LOST + PACE * (2 * BLOCK) as u32;
-    while answered < BLOCK && Instant::now() < over {
-        tokio::select! {
-            biased;
-            round_trip = way.answer() => {
-                let round_trip = round_trip?;
-                answered += 1;
-                if answered > WARM_UP {
-                    out.iter_mut().for_each(|series| series.record(round_trip));
-                }
-            }
-            _ = pace.tick(), if sent < BLOCK => {
-                way.ask()?;
-                sent += 1;
-                if sent == BLOCK {
-                    over = Instant::now() + LOST;
-                }
-            }
-            () = sleep_until(over) => {}
-        }
-    }
-    anyhow::ensure!(2 * answered > BLOCK, "only {answered} of {BLOCK} pings came back");
-    Ok(())
-}
-
-/// The client of a daemon. What else it receives, it answers on the way.
-struct Hapticd(Client);
-
-impl Way for Hapticd {
-    fn ask(&mut self) -> anyhow::Result<()> {
-        Ok(self.0.send_ping()?)
-    }
-
-    async fn answer(&mut self) -> anyhow::Result<Duration> {
-        loop {
-            if let Incoming::RoundTrip(time) = self.0.next().await? {
-                return Ok(time);
-            }
-        }
-    }
+    let record = |time| out.iter_mut().for_each(|series| series.record(time));
+    block(way, BLOCK, PACE, record).await
 }

@@ -10,10 +10,15 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use crate::clock::now_ns;
-use crate::config::{DeviceDefinition, Scene, SceneError, SceneFile, StateError, build_plan};
-use crate::control::{ControlCommand, ControlReply, Mode, ModeCommand, ModeRefusal, Report};
+use crate::config::{
+    DeviceDefinition, Scene, SceneError, SceneFile, Settings, SettingsError, StateError, plan_with,
+};
+use crate::control::{
+    ControlCommand, ControlReply, HomeRefusal, Mode, ModeCommand, ModeRefusal, Report,
+};
 use crate::link::SupervisorEnd;
-use crate::telemetry::LatestReport;
+use crate::telemetry::{EventHistory, LatestReport};
+use crate::units::FieldError;
 
 /// A command waits this long for the loop; at 1 kHz it takes a millisecond.
 const PATIENCE: Duration = Duration::from_millis(1000);
@@ -33,9 +38,15 @@ pub enum HostError {
     /// The mode does not allow it.
     #[error(transparent)]
     Mode(#[from] ModeRefusal),
+    /// The device cannot be homed now, or need not be.
+    #[error(transparent)]
+    Home(#[from] HomeRefusal),
     /// The scene does not allow it.
     #[error(transparent)]
     Scene(#[from] SceneError),
+    /// The settings do not allow it.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
     /// It could not be kept.
     #[error(transparent)]
     State(#[from] StateError),
@@ -53,18 +64,31 @@ pub struct DeviceHost {
     definition: DeviceDefinition,
     /// With the number of the last command.
     supervisor: Mutex<(u64, Supervisor)>,
-    scene: Mutex<KeptScene>,
-    /// The scene in force, for readers: an edit holds `scene` while it waits for disk and loop.
+    kept: Mutex<Kept>,
+    /// The scene in force, for readers: an edit holds `kept` while it waits for disk and loop.
     in_force: Mutex<Arc<Scene>>,
+    /// The settings, for readers.
+    settings: Mutex<SettingsInForce>,
     latest: LatestReport,
     /// When the last reply of the loop was seen.
     acknowledged_ns: AtomicU64,
 }
 
+/// What a plan is made of besides the device.
 #[derive(Debug)]
-struct KeptScene {
+struct Kept {
     scene: Scene,
     file: SceneFile,
+    settings: SettingsInForce,
+}
+
+/// Settings with the number of their last change.
+#[derive(Clone, Copy, Debug)]
+pub struct SettingsInForce {
+    /// What they are.
+    pub settings: Settings,
+    /// Grows by one with every change, from 1.
+    pub revision: u64,
 }
 
 impl DeviceHost {
@@ -77,10 +101,12 @@ impl DeviceHost {
         latest: LatestReport,
     ) -> Self {
         let in_force = Mutex::new(Arc::new(scene.clone()));
-        let scene = Mutex::new(KeptScene { scene, file });
+        let settings = SettingsInForce { settings: Settings::of(&definition), revision: 1 };
+        let kept = Mutex::new(Kept { scene, file, settings });
+        let settings = Mutex::new(settings);
         let supervisor = Mutex::new((0, supervisor));
         let acknowledged_ns = AtomicU64::new(0);
-        Self { definition, supervisor, scene, in_force, latest, acknowledged_ns }
+        Self { definition, supervisor, kept, in_force, settings, latest, acknowledged_ns }
     }
 
     /// What the device is.
@@ -91,6 +117,11 @@ impl DeviceHost {
     /// What the last tick sensed and decided.
     pub fn report(&self) -> Report {
         self.latest.get()
+    }
+
+    /// What happened lately.
+    pub fn events(&self) -> &EventHistory {
+        self.latest.events()
     }
 
     /// True of a report whose tick began after all that was acknowledged. Reports pass
@@ -109,7 +140,15 @@ impl DeviceHost {
     pub fn change_mode(&self, command: ModeCommand) -> Result<Mode, HostError> {
         match self.execute(ControlCommand::Mode(command), None)? {
             ControlReply::Mode(answer) => Ok(answer?),
-            ControlReply::Retired(_) => Err(HostError::Unresponsive),
+            ControlReply::Home(_) | ControlReply::Retired(_) => Err(HostError::Unresponsive),
+        }
+    }
+
+    /// The handle is at its home place now.
+    pub fn home(&self) -> Result<(), HostError> {
+        match self.execute(ControlCommand::Home, None)? {
+            ControlReply::Home(answer) => Ok(answer?),
+            ControlReply::Mode(_) | ControlReply::Retired(_) => Err(HostError::Unresponsive),
         }
     }
 
@@ -123,18 +162,18 @@ impl DeviceHost {
         &self,
         edit: impl FnOnce(&mut Scene) -> Result<T, SceneError>,
     ) -> Result<(T, Arc<Scene>), HostError> {
-        let mut kept = lock(&self.scene);
+        let mut kept = lock(&self.kept);
         let mut next = kept.scene.clone();
         let result = edit(&mut next)?;
         if let Err(error) = kept.file.save(&next) {
             // It may have been put in place before it failed; what was acknowledged stays.
-            let KeptScene { scene, file } = &mut *kept;
+            let Kept { scene, file, .. } = &mut *kept;
             let _ = file.save(scene);
             return Err(error.into());
         }
-        let swap = |scene| ControlCommand::SwapPlan(Box::new(build_plan(&self.definition, scene)));
+        let swap = |scene| self.swap(&kept.settings.settings, scene);
         if let Err(error) = self.execute(swap(&next), Some(swap(&kept.scene))) {
-            let KeptScene { scene, file } = &mut *kept;
+            let Kept { scene, file, .. } = &mut *kept;
             file.save(scene)?;
             return Err(error);
         }
@@ -142,6 +181,36 @@ impl DeviceHost {
         let next = Arc::new(next);
         *lock(&self.in_force) = Arc::clone(&next);
         Ok((result, next))
+    }
+
+    /// The settings in force. Waits for no edit.
+    pub fn settings(&self) -> SettingsInForce {
+        *lock(&self.settings)
+    }
+
+    /// Changes the settings as `edit` does, if they still have this revision (0: whatever they
+    /// have); returns those then. Not kept on disk.
+    pub fn edit_settings(
+        &self,
+        revision: u64,
+        edit: impl FnOnce(&mut Settings) -> Result<(), FieldError>,
+    ) -> Result<SettingsInForce, HostError> {
+        let mut kept = lock(&self.kept);
+        let SettingsInForce { settings: before, revision: actual } = kept.settings;
+        if revision != 0 && revision != actual {
+            return Err(SettingsError::StaleRevision { expected: revision, actual }.into());
+        }
+        let mut settings = before;
+        edit(&mut settings).map_err(SettingsError::from)?;
+        let swap = |settings| self.swap(settings, &kept.scene);
+        self.execute(swap(&settings), Some(swap(&before)))?;
+        kept.settings = SettingsInForce { settings, revision: actual + 1 };
+        *lock(&self.settings) = kept.settings;
+        Ok(kept.settings)
+    }
+
+    fn swap(&self, settings: &Settings, scene: &Scene) -> ControlCommand {
+        ControlCommand::SwapPlan(Box::new(plan_with(&self.definition, settings, scene)))
     }
 
     /// Sends one command and waits for its reply. Where none comes, `undo` follows it, should

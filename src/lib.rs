@@ -20,6 +20,7 @@
 //! | [`session`] | PURE who may command: handshake, lease, liveness |
 //! | [`device`] | where samples come from: simulated plant and hand |
 //! | [`config`] | what the user wrote becomes what the loop needs |
+//! | [`explain`] | PURE from the report of a tick to sentences |
 //! | [`analysis`] | PURE offline: experiments in virtual time |
 //! | `clock` | the device clock, for the rim |
 //! | `rt` | the thread: cycle, clock, rights (Linux) |
@@ -62,6 +63,7 @@ pub mod config;
 pub mod control;
 pub mod device;
 pub mod environment;
+pub mod explain;
 #[cfg(feature = "net")]
 pub mod host;
 pub mod link;

@@ -134,9 +134,11 @@ pub const TOOL_RADIUS: Range = Range::new(0.0, 0.1, "m");
 pub const RATE: Range = Range::new(100.0, 4000.0, "Hz");
 /// Largest force that may be asked for.
 pub const FORCE_LIMIT: Range = Range::new(0.1, 10_000.0, "N");
+/// Share of the force asked that is wanted.
+pub const GAIN: Range = Range::new(0.0, 1.0, "(share)");
 /// Fastest change of a soft force.
 pub const SLEW: Range = Range::new(1.0, 1e9, "N/s");
-/// Time in which a force fades.
+/// Time in which a force fades or grows.
 pub const RAMP: Range = Range::new(0.0, 10_000.0, "ms");
 /// Disagreement of redundant encoders.
 pub const CLOSURE: Range = Range::new(1e-4, std::f64::consts::PI, "rad");

@@ -1,7 +1,8 @@
-//! Offline: experiments over the whole loop in virtual time, and their figures.
+//! Offline: what a posture can do, and experiments over the whole loop in virtual time.
 //!
-//! Everything here is a plain function from a configuration to figures. It runs the same
+//! Everything here is a plain function from a configuration to figures. An experiment runs the same
 //! `control::tick` as the real-time thread against the simulated device; it knows no clock,
 //! no thread, no file and no socket, and nothing in a tick may use it.
 
+pub mod manipulability;
 pub mod wall_following;

@@ -76,8 +76,9 @@ impl ReadyDevice {
             round_trips: round_trips.clone(),
         };
         let plan = Box::new(build_plan(&definition, &scene));
-        // A simulated device harms nobody and is enabled at once.
-        let cycle = Cycle::new(device, ControlState::new(Mode::Enabled), plan, rt_end);
+        // A simulated device harms nobody and is enabled at once, where its place is known.
+        let mode = if definition.home_m.is_some() { Mode::Disabled } else { Mode::Enabled };
+        let cycle = Cycle::new(device, ControlState::new(mode), plan, rt_end);
         let feed = Feed::prepare(definition.tick_ns);
         let latest = feed.latest.clone();
         let host = Arc::new(DeviceHost::new(definition, supervisor, scene, scene_file, latest));

@@ -10,6 +10,7 @@
 
 mod daemon;
 mod device;
+pub mod echo;
 mod log;
 mod reachable;
 mod services;

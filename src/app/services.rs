@@ -57,7 +57,8 @@ impl Services {
             return;
         };
         let stopped = self.shutdown.subscribe();
-        let serving = net::serve_grpc(grpc, hosts.clone(), sessions, stopped.clone());
+        let http_port = http.port();
+        let serving = net::serve_grpc(grpc, http_port, hosts.clone(), sessions, stopped.clone());
         self.serving.push(runtime.spawn(async move {
             if let Err(error) = serving.await {
                 tracing::error!(%error, "the services stopped");

@@ -1,18 +1,16 @@
 //! `hapticd ctl`: describe, watch and switch a running device, and edit its scene.
 
-use anyhow::{Context, bail, ensure};
+use anyhow::bail;
 use clap::{Args, Subcommand};
 use serde_json::{Value, json};
 
-use super::{format, hand, object, scene_file, sessions, wall};
-use crate::client::{
-    ConnectString, DEFAULT_GRPC_PORT, DEFAULT_STREAM_PORT, Services, ServicesError, services,
-    services_in_plaintext, told,
-};
+use super::target::Target;
+use super::{events, format, hand, manipulability, object, scene_file, sessions, settings, wall};
+use crate::client::{Services, told};
 use crate::proto::{
     ActuatorKind, ActuatorState, ClearFaultRequest, ContactState, DeviceDescription, DeviceMode,
     DeviceState, DisableRequest, EnableRequest, Fault, GetDescriptionRequest, GetStateRequest,
-    ListDevicesRequest, StopRequest, Vector3, WatchStateRequest,
+    HomeRequest, Homing, StopRequest, Vector3, WatchStateRequest,
 };
 
 /// Talk to the services of a running server.
@@ -25,15 +23,8 @@ use crate::proto::{
   hapticd ctl object add ball sphere --centre 0,0.3,0 --radius 0.02 --friction 0.3
   hapticd ctl scene show")]
 pub struct Ctl {
-    /// Where the server is: the line that `serve` prints, or HOST:PORT of its stream
-    #[arg(long, global = true, value_name = "STRING", default_value = "127.0.0.1:7351")]
-    connect: ConnectString,
-    /// Which device, where there are several
-    #[arg(long, global = true, value_name = "NAME")]
-    device: Option<String>,
-    /// Talk to another machine although the services are not encrypted
-    #[arg(long, global = true)]
-    insecure: bool,
+    #[command(flatten)]
+    target: Target,
     /// Print JSON
     #[arg(long, global = true)]
     json: bool,
@@ -60,6 +51,10 @@ enum Action {
         #[arg(long, value_name = "MS", default_value_t = 200)]
         interval: u32,
     },
+    /// Say that the handle is at its home place (incremental encoders)
+    #[command(after_help = "Example:
+  hapticd ctl home")]
+    Home,
     /// Begin to render forces
     #[command(after_help = "Example:
   hapticd ctl enable")]
@@ -76,6 +71,16 @@ enum Action {
     #[command(after_help = "Example:
   hapticd ctl clear-fault")]
     ClearFault,
+    /// What may be changed while it runs
+    #[command(after_help = "Examples:
+  hapticd ctl settings
+  hapticd ctl settings --json")]
+    Settings,
+    Devices(events::ListDevices),
+    Events(events::Events),
+    Manipulability(manipulability::ShowManipulability),
+    Set(settings::Set),
+    Strategy(settings::ChooseStrategy),
     Object(Box<object::ObjectCommand>),
     Scene(scene_file::SceneCommand),
     Wall(wall::WallCommand),
@@ -93,96 +98,72 @@ impl Ctl {
     }
 
     async fn act(self) -> anyhow::Result<()> {
-        let target = &self.connect;
-        let elsewhere =
-            target.stream_port != DEFAULT_STREAM_PORT && target.grpc_port == DEFAULT_GRPC_PORT;
-        ensure!(
-            !elsewhere || target.sha256.is_some(),
-            "{target} does not say where the services are: use the whole connect string that `serve` prints (with grpc=PORT)"
-        );
-        let mut services = self.services().await?;
-        let name = match self.action {
-            // Of all devices, where none is named.
-            Action::Session(_) | Action::Lease(_) => {
-                format::device_resource(self.device.as_deref())
+        let Self { target, action, json } = self;
+        let action = match action {
+            // These are about all devices, unless one is named.
+            Action::Devices(list) => {
+                return list.run(&mut target.services().await?.devices, json).await;
             }
-            _ => device_name(&mut services, self.device.as_deref()).await?,
+            Action::Session(command) => {
+                let sessions = &mut target.services().await?.sessions;
+                return command.run(sessions, target.device(), json).await;
+            }
+            Action::Lease(command) => {
+                return command.run(&mut target.services().await?.sessions, json).await;
+            }
+            action => action,
         };
+        let (mut services, name) = target.open().await?;
         let devices = &mut services.devices;
-        let mode = match self.action {
+        let mode = match action {
+            // Answered above.
+            Action::Devices(_) | Action::Session(_) | Action::Lease(_) => return Ok(()),
             Action::Describe => {
                 let description = devices.get_description(GetDescriptionRequest { name }).await;
-                print_description(&description.map_err(plain)?.into_inner(), self.json);
+                print_description(&description.map_err(plain)?.into_inner(), json);
                 return Ok(());
             }
             Action::State { watch: false, .. } => {
                 let state = devices.get_state(GetStateRequest { name }).await.map_err(plain)?;
-                print_state(&state.into_inner(), self.json);
+                print_state(&state.into_inner(), json);
                 return Ok(());
             }
             Action::State { watch: true, interval } => {
-                return watch(&mut services, name, interval, self.json).await;
+                return watch(&mut services, name, interval, json).await;
             }
-            Action::Session(command) => {
-                return command.run(&mut services.sessions, name, self.json).await;
-            }
-            Action::Lease(command) => return command.run(&mut services.sessions, self.json).await,
-            Action::Hand(hand) => return hand.run(&self.connect, &name).await,
             Action::Object(command) => {
-                return command.run(&mut services.scenes, &name, self.json).await;
+                return command.run(&mut services.scenes, &name, json).await;
             }
             Action::Scene(command) => {
-                return command.run(&mut services.scenes, &name, self.json).await;
+                return command.run(&mut services.scenes, &name, json).await;
             }
+            Action::Settings => return settings::show(devices, name, json).await,
+            Action::Manipulability(show) => return show.run(devices, name, json).await,
+            Action::Events(events) => return events.run(devices, name, json).await,
+            Action::Set(set) => return set.run(devices, name, json).await,
+            Action::Strategy(strategy) => return strategy.run(devices, name, json).await,
+            Action::Home => {
+                let state = devices.home(HomeRequest { name }).await.map_err(plain)?;
+                print_state(&state.into_inner(), json);
+                return Ok(());
+            }
+            Action::Hand(hand) => return hand.run(&target.connect, &name).await,
             Action::Wall(command) => {
-                return command.run(&mut services.scenes, &name, self.json).await;
+                return command.run(&mut services.scenes, &name, json).await;
             }
             Action::Enable => devices.enable(EnableRequest { name }).await,
             Action::Disable => devices.disable(DisableRequest { name }).await,
             Action::Stop => devices.stop(StopRequest { name }).await,
             Action::ClearFault => devices.clear_fault(ClearFaultRequest { name }).await,
         };
-        print_mode(&mode.map_err(plain)?.into_inner(), self.json);
+        print_mode(&mode.map_err(plain)?.into_inner(), json);
         Ok(())
-    }
-
-    async fn services(&self) -> anyhow::Result<Services> {
-        let connected = if self.insecure {
-            services_in_plaintext(&self.connect).await
-        } else {
-            services(&self.connect).await
-        };
-        match connected {
-            Err(error @ ServicesError::Plaintext { .. }) => {
-                bail!("{error}; --insecure talks to it all the same")
-            }
-            connected => connected.with_context(|| {
-                let authority = self.connect.grpc_authority();
-                format!("cannot reach the services at {authority}; is `hapticd serve` running? On another gRPC port, use the whole connect string")
-            }),
-        }
     }
 }
 
 /// A refusal in the server's own words, or that there were none.
 pub fn plain(status: tonic::Status) -> anyhow::Error {
     anyhow::anyhow!(told(&status))
-}
-
-async fn device_name(services: &mut Services, wanted: Option<&str>) -> anyhow::Result<String> {
-    if wanted.is_some() {
-        return Ok(format::device_resource(wanted));
-    }
-    let devices = services.devices.list_devices(ListDevicesRequest {}).await.map_err(plain)?;
-    let mut names: Vec<_> = devices.into_inner().devices.into_iter().map(|d| d.name).collect();
-    match (names.pop(), names.as_slice()) {
-        (Some(only), []) => Ok(only),
-        (None, _) => bail!("the server has no device"),
-        (Some(last), others) => bail!(
-            "the server has several devices, say which with --device: {}, {last}",
-            others.join(", ")
-        ),
-    }
 }
 
 fn print_mode(mode: &DeviceMode, as_json: bool) {
@@ -236,6 +217,7 @@ fn print_description(description: &DeviceDescription, as_json: bool) {
                 "force_limit_n": description.force_limit_n,
                 "workspace_radius_m": [description.workspace_min_radius_m, description.workspace_max_radius_m],
                 "handle_mass_kg": description.handle_mass_kg,
+                "home_m": description.home_m.as_ref().map(|home| [home.x, home.y]),
                 "actuators": actuators,
                 "parameters": parameters,
             })
@@ -261,6 +243,9 @@ fn print_description(description: &DeviceDescription, as_json: bool) {
         description.workspace_max_radius_m,
         description.handle_mass_kg
     );
+    if let Some(home) = &description.home_m {
+        say!("  incremental encoders, to be homed at ({}, {}) m of its plane", home.x, home.y);
+    }
     for actuator in &description.actuators {
         say!(
             "  {}: {}, {} N m, lag {} ms, {} counts",
@@ -293,6 +278,7 @@ fn state_json(state: &DeviceState) -> Value {
         "mode": format::mode(state.mode()),
         "fault": (state.fault() != Fault::Unspecified).then(|| format::word(state.fault().as_str_name(), "FAULT_")),
         "tick": state.tick,
+        "homing": format::word(state.homing().as_str_name(), "HOMING_"),
         "position_m": array(state.measured_cp.as_ref().and_then(|pose| pose.position_m.as_ref())),
         "velocity_m_per_s": array(state.measured_cv.as_ref().and_then(|twist| twist.linear_m_per_s.as_ref())),
         "hand_force_n": force(&state.measured_cf),
@@ -339,6 +325,9 @@ fn print_state(state: &DeviceState, as_json: bool) {
     say!("{}: {}, tick {}", state.name, format::mode(state.mode()), state.tick);
     if state.fault() != Fault::Unspecified {
         say!("  fault       {}", format::word(state.fault().as_str_name(), "FAULT_"));
+    }
+    if state.homing() == Homing::Needed {
+        say!("  homing      needed: the place below means nothing before `hapticd ctl home`");
     }
     say!(
         "  position    {} m",

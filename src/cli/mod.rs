@@ -10,8 +10,11 @@ mod config;
 mod ctl;
 mod demo;
 mod doctor;
+mod events;
+mod explain;
 mod format;
 mod hand;
+mod manipulability;
 mod object;
 mod object_fields;
 mod object_print;
@@ -20,6 +23,9 @@ mod scene;
 mod scene_file;
 mod serve;
 mod sessions;
+mod settings;
+mod target;
+mod top;
 mod view;
 mod wall;
 
@@ -42,7 +48,9 @@ enum Command {
     Demo(demo::Demo),
     Scene(scene::Scene),
     Ctl(ctl::Ctl),
+    Explain(explain::Explain),
     Ping(ping::Ping),
+    Top(top::Top),
     Doctor(doctor::Doctor),
     Config(config::Config),
 }
@@ -54,7 +62,9 @@ pub fn run() -> ExitCode {
         Command::Demo(command) => command.run(),
         Command::Scene(command) => command.run(),
         Command::Ctl(command) => command.run(),
+        Command::Explain(command) => command.run(),
         Command::Ping(command) => command.run(),
+        Command::Top(command) => command.run(),
         Command::Doctor(command) => command.run(),
         Command::Config(command) => command.run(),
     };

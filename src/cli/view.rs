@@ -117,8 +117,9 @@ fn draw(
 ) {
     let [picture, side] =
         Layout::horizontal([Constraint::Min(40), Constraint::Length(44)]).areas(frame.area());
+    let mount = device.host().settings().settings.mount;
     let device = device.host().definition();
-    draw_device(frame, picture, device, report);
+    draw_device(frame, picture, device, &mount, report);
     let [forces, brakes, latency] = Layout::vertical([
         Constraint::Length(13),
         Constraint::Length(3 + device.actuator_names.len() as u16),
@@ -132,9 +133,15 @@ fn draw(
     frame.render_widget(latency_panel(daemon, figures), latency);
 }
 
-fn draw_device(frame: &mut Frame, area: Rect, device: &DeviceDefinition, report: &Report) {
+fn draw_device(
+    frame: &mut Frame,
+    area: Rect,
+    device: &DeviceDefinition,
+    mount: &Mount,
+    report: &Report,
+) {
     let mechanism = device.mechanism.as_ref();
-    let plane = Plane(&device.mount);
+    let plane = Plane(mount);
     let tool_m = plane.point(&report.p_WT_m);
     let reach_m = mechanism.reach_m().1.max(0.1);
     // Cells are about twice as high as wide; keep a metre a metre.

@@ -29,5 +29,5 @@ pub use connect_string::{
     ConnectString, ConnectStringError, DEFAULT_GRPC_PORT, DEFAULT_STREAM_PORT,
 };
 pub use error::ClientError;
-pub use services::{Services, ServicesError, services, services_in_plaintext, told};
+pub use services::{Devices, Services, ServicesError, services, services_in_plaintext, told};
 pub use stream::{Client, Incoming, Options};

@@ -23,11 +23,14 @@ const ANSWER: Duration = Duration::from_secs(10);
 /// Between two looks whether the server is still there, and time for its sign of life.
 const KEEP_ALIVE: Duration = Duration::from_secs(5);
 
+/// A client of the DeviceService.
+pub type Devices = DeviceServiceClient<Channel>;
+
 /// Clients of the services on one channel.
 #[derive(Clone, Debug)]
 pub struct Services {
     /// Devices: describe, watch, switch.
-    pub devices: DeviceServiceClient<Channel>,
+    pub devices: Devices,
     /// Resident scenes.
     pub scenes: SceneServiceClient<Channel>,
     /// Who is connected, and who commands.

@@ -9,12 +9,12 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::device_file::{CheckedActuators, DeviceLayout, check_actuators};
-use super::{ConfigError, Id, error};
-use crate::actuation::Strategy;
+use super::{ConfigError, Id, Settings, error};
+use crate::actuation::{Bounds, Capability, ShaftMotion, Strategy};
 use crate::control::{Actuators, Guards, Mount, Tool};
 use crate::device::{ForceSensor, HandProgram, SimulationParameters};
-use crate::mechanism::Mechanism;
-use crate::notation::{ActuatorVector, PlaneVector};
+use crate::mechanism::{Mechanism, Posture};
+use crate::notation::{ActuatorVector, MAX_ACTUATORS, PlaneVector};
 use crate::units::FieldError;
 
 /// The built-in devices: name and file.
@@ -40,6 +40,10 @@ pub struct DeviceDefinition {
     pub actuator_names: Vec<Id>,
     /// Torque of each actuator without any command.
     pub residual_Nm: ActuatorVector,
+    /// Where the handle is when the device is homed, in B; `None`: the encoders are absolute.
+    pub home_m: Option<[f64; 2]>,
+    /// Shaft angles there.
+    pub home_rad: Option<ActuatorVector>,
     /// `None`: the hand's force is unknown.
     pub force_sensor: Option<ForceSensor>,
     /// Where the device's plane lies.
@@ -88,24 +92,52 @@ impl DeviceDefinition {
         let (mechanism, parameters) = layout.mechanism.build(&layout.inertia, &layout.actuators)?;
         let CheckedActuators { names, actuators, residual_Nm } =
             check_actuators(&layout.actuators, mechanism.name(), mechanism.actuators())?;
-        let (tick_ns, strategy, guards) = layout.control.check()?;
+        let mut settings = Settings::default();
+        let tick_ns = layout.control.check(&mut settings)?;
+        layout.mount.check(&mut settings)?;
+        layout.tool.check(&mut settings)?;
+        let Settings { strategy, guards, mount, tool } = settings;
+        let home_m = layout.encoders.check()?;
+        let home_rad = home_m
+            .map(|home_m| posture_of(mechanism.as_ref(), "encoders.home_m", home_m))
+            .transpose()?
+            .map(|posture| posture.shaft_rad);
         Ok(Self {
             name,
             description: layout.description.clone().unwrap_or_default(),
             start_m: check_start(mechanism.as_ref(), layout.simulation.start_m)?,
+            home_m,
+            home_rad,
             mechanism,
             actuators,
             actuator_names: names,
             residual_Nm,
             force_sensor: layout.hand_force.check()?,
-            mount: layout.mount.check()?,
-            tool: layout.tool.check()?,
+            mount,
+            tool,
             tick_ns,
             strategy,
             guards,
             parameters,
             handle_mass_kg: layout.inertia.handle_mass_kg,
         })
+    }
+
+    /// What its actuators can do in a posture while their shafts move like this.
+    pub fn capability(
+        &self,
+        posture: &Posture,
+        motion: &[ShaftMotion; MAX_ACTUATORS],
+    ) -> Capability {
+        let Actuators { kinds, max_torque_Nm, .. } = &self.actuators;
+        Capability {
+            reference: posture.reference,
+            freedoms: self.mechanism.freedoms(),
+            actuators: self.mechanism.actuators(),
+            kinds: *kinds,
+            bounds: Bounds::given(kinds, max_torque_Nm, motion),
+            moment_length_m: self.mechanism.reach_m().1,
+        }
     }
 
     /// The device as its simulation takes it, with `hand` shrunk to the linkage's reach.
@@ -120,6 +152,7 @@ impl DeviceDefinition {
             force_sensor: self.force_sensor,
             hand: hand.fitted(self.mechanism.reach_m()),
             start_m: self.start_m,
+            incremental: self.home_m.is_some(),
         }
     }
 }
@@ -131,15 +164,20 @@ fn check_start(
 ) -> Result<[f64; 2], FieldError> {
     let (nearest_m, furthest_m) = mechanism.reach_m();
     let start_m = written_m.unwrap_or([0.5 * (nearest_m + furthest_m), 0.0]);
-    let [x, y] = start_m;
-    match mechanism.posture_at(&PlaneVector::new(x, y, 0.0)) {
-        Ok(_) => Ok(start_m),
-        Err(error) => Err(FieldError::new(
-            "simulation.start_m",
-            format!("[{x}, {y}] m"),
-            format!("must be a place that the handle reaches: {error}"),
-        )),
-    }
+    posture_of(mechanism, "simulation.start_m", start_m)?;
+    Ok(start_m)
+}
+
+/// The posture at a place that somebody wrote.
+fn posture_of(
+    mechanism: &dyn Mechanism,
+    field: &str,
+    [x, y]: [f64; 2],
+) -> Result<Posture, FieldError> {
+    mechanism.posture_at(&PlaneVector::new(x, y, 0.0)).map_err(|error| {
+        let allowed = format!("must be a place that the handle reaches: {error}");
+        FieldError::new(field, format!("[{x}, {y}] m"), allowed)
+    })
 }
 
 #[cfg(test)]
@@ -315,6 +353,26 @@ mod tests {
             ("strategy = \"auto\"", "strategy = \"magic\"", "control.strategy = \"magic\""),
             ("max_overruns = 100", "max_overruns = 0", "control.max_overruns = 0"),
             ("stale_ramp_ms = 50", "stale_ramp_ms = inf", "control.stale_ramp_ms = inf"),
+            (
+                "[hand_force]",
+                "[encoders]\nkind = \"relative\"\n[hand_force]",
+                "encoders.kind = \"relative\"",
+            ),
+            (
+                "[hand_force]",
+                "[encoders]\nkind = \"incremental\"\n[hand_force]",
+                "encoders.home_m = (none): is required",
+            ),
+            (
+                "[hand_force]",
+                "[encoders]\nkind = \"absolute\"\nhome_m = [0.3, 0.1]\n[hand_force]",
+                "needs kind = \"incremental\"",
+            ),
+            (
+                "[hand_force]",
+                "[encoders]\nkind = \"incremental\"\nhome_m = [9.0, 0.1]\n[hand_force]",
+                "encoders.home_m = [9, 0.1] m: must be a place",
+            ),
             ("start_m = [", "start_m = [9.0, 9.0] # [", "simulation.start_m = [9, 9] m"),
             ("start_m = [", "start_m = [nan, 0.1] # [", "simulation.start_m = [NaN, 0.1] m"),
         ] {

@@ -4,17 +4,15 @@
 //! turn a table into what the loop takes; a refusal carries the full key path. The linkage's
 //! tables are in [`super::linkage`].
 
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
-use super::Id;
 use super::linkage::{InertiaLayout, MechanismLayout};
+use super::{Id, Setting, Settings};
 use crate::actuation::{ActuatorKind, Strategy};
-use crate::control::{Actuators, Guards, Mount, Tool};
+use crate::control::{Actuators, Guards};
 use crate::device::ForceSensor;
-use crate::environment::MAX_POINTS;
 use crate::notation::{ActuatorVector, MAX_ACTUATORS};
-use crate::units::{self, FieldError, Range};
+use crate::units::{self, FieldError};
 
 /// A whole device file.
 #[derive(Debug, Deserialize)]
@@ -25,6 +23,8 @@ pub(super) struct DeviceLayout {
     #[serde(default)]
     pub inertia: InertiaLayout,
     pub actuators: Vec<ActuatorLayout>,
+    #[serde(default)]
+    pub encoders: EncodersLayout,
     #[serde(default)]
     pub hand_force: HandForceLayout,
     #[serde(default)]
@@ -65,6 +65,20 @@ fn usual_lag() -> f64 {
 
 fn usual_counts() -> i64 {
     65_536
+}
+
+/// `[encoders]`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct EncodersLayout {
+    pub kind: String,
+    pub home_m: Option<[f64; 2]>,
+}
+
+impl Default for EncodersLayout {
+    fn default() -> Self {
+        Self { kind: "absolute".into(), home_m: None }
+    }
 }
 
 /// `[hand_force]`.
@@ -112,6 +126,8 @@ pub(super) struct ControlLayout {
     pub rate_hz: f64,
     pub strategy: String,
     pub force_limit_N: f64,
+    pub force_gain: f64,
+    pub activation_ramp_ms: f64,
     pub slew_N_per_s: f64,
     pub stale_ramp_ms: f64,
     pub closure_limit_rad: f64,
@@ -127,6 +143,8 @@ impl Default for ControlLayout {
             rate_hz: 1000.0,
             strategy: "auto".into(),
             force_limit_N: usual.force_limit_N,
+            force_gain: usual.force_gain,
+            activation_ramp_ms: usual.activation_ramp_ns as f64 * 1e-6,
             slew_N_per_s: usual.slew_N_per_s,
             stale_ramp_ms: usual.stale_ramp_ns as f64 * 1e-6,
             closure_limit_rad: usual.closure_limit_rad,
@@ -208,6 +226,29 @@ impl ActuatorLayout {
     }
 }
 
+impl EncodersLayout {
+    /// The home place that incremental encoders need; `None`: they are absolute.
+    pub fn check(&self) -> Result<Option<[f64; 2]>, FieldError> {
+        let home_m = "encoders.home_m";
+        match (self.kind.as_str(), self.home_m) {
+            ("absolute", None) => Ok(None),
+            ("absolute", Some([x, y])) => {
+                let needs = "needs kind = \"incremental\"";
+                Err(FieldError::new(home_m, format!("[{x}, {y}] m"), needs))
+            }
+            ("incremental", Some(home_m)) => Ok(Some(home_m)),
+            ("incremental", None) => {
+                let needed = "is required: where the handle is when the device is homed";
+                Err(FieldError::new(home_m, "(none)", needed))
+            }
+            (other, _) => {
+                let allowed = "must be \"absolute\" or \"incremental\"";
+                Err(FieldError::new("encoders.kind", quoted(other), allowed))
+            }
+        }
+    }
+}
+
 impl HandForceLayout {
     /// The sensor, or `None`: then the force of the hand is unknown.
     pub fn check(&self) -> Result<Option<ForceSensor>, FieldError> {
@@ -237,75 +278,42 @@ impl HandForceLayout {
 }
 
 impl MountLayout {
-    /// The pose of the device's plane.
-    pub fn check(&self) -> Result<Mount, FieldError> {
-        for (i, &value) in self.position_m.iter().enumerate() {
-            units::POSITION.check(&format!("mount.position_m[{i}]"), value)?;
-        }
-        let [x, y, z, w] = self.orientation_xyzw;
-        let written = Quaternion::new(w, x, y, z);
-        units::QUATERNION_LENGTH.check("mount.orientation_xyzw", written.norm())?;
-        Ok(Mount {
-            p_WB_m: Vector3::from(self.position_m),
-            q_WB: UnitQuaternion::from_quaternion(written),
-        })
+    /// Puts the pose of the device's plane into the settings.
+    pub fn check(&self, settings: &mut Settings) -> Result<(), FieldError> {
+        settings.set("mount.position_m", &Setting::MountPosition_m(self.position_m))?;
+        let orientation = Setting::MountOrientation_xyzw(self.orientation_xyzw);
+        settings.set("mount.orientation_xyzw", &orientation)
     }
 }
 
 impl ToolLayout {
-    /// What is fixed to the handle.
-    pub fn check(&self) -> Result<Tool, FieldError> {
-        for (i, &value) in self.offset_m.iter().enumerate() {
-            units::TOOL_OFFSET.check(&format!("tool.offset_m[{i}]"), value)?;
-        }
-        let radius_m = units::TOOL_RADIUS.check("tool.radius_m", self.radius_m)?;
-        let point_count = self.points_m.len();
-        if point_count > MAX_POINTS {
-            let allowed = format!("must be at most {MAX_POINTS}");
-            return Err(FieldError::new("tool.points_m", format!("{point_count} points"), allowed));
-        }
-        let mut points_T_m = [Vector3::zeros(); MAX_POINTS];
-        for (i, (point_T_m, written)) in points_T_m.iter_mut().zip(&self.points_m).enumerate() {
-            *point_T_m = Vector3::from(*written);
-            units::TOOL_OFFSET.check_vector(&format!("tool.points_m[{i}]"), point_T_m)?;
-        }
-        Ok(Tool { offset_B_m: Vector3::from(self.offset_m), radius_m, points_T_m, point_count })
+    /// Puts what is fixed to the handle into the settings.
+    pub fn check(&self, settings: &mut Settings) -> Result<(), FieldError> {
+        settings.set("tool.offset_m", &Setting::ToolOffset_m(self.offset_m))?;
+        settings.set("tool.radius_m", &Setting::ToolRadius_m(self.radius_m))?;
+        settings.set("tool.points_m", &Setting::ToolPoints_m(self.points_m.clone()))
     }
 }
 
 impl ControlLayout {
-    /// Tick period, law and guards.
-    pub fn check(&self) -> Result<(u64, Strategy, Guards), FieldError> {
-        let number =
-            |name: &str, range: &Range, value| range.check(&format!("control.{name}"), value);
-        let count = |name: &str, range: &Range, value| {
-            let whole = range.check_whole(&format!("control.{name}"), value)?;
-            Ok(u32::try_from(whole).unwrap_or(u32::MAX))
-        };
-        let rate_hz = number("rate_hz", &units::RATE, self.rate_hz)?;
-        let ramp_ms = number("stale_ramp_ms", &units::RAMP, self.stale_ramp_ms)?;
-        let guards = Guards {
-            force_limit_N: number("force_limit_N", &units::FORCE_LIMIT, self.force_limit_N)?,
-            slew_N_per_s: number("slew_N_per_s", &units::SLEW, self.slew_N_per_s)?,
-            stale_ramp_ns: (ramp_ms * 1e6).round() as u64,
-            closure_limit_rad: number(
-                "closure_limit_rad",
-                &units::CLOSURE,
-                self.closure_limit_rad,
-            )?,
-            stop_capacity_Nm: number(
-                "stop_capacity_Nm",
-                &units::HOLDING_TORQUE,
-                self.stop_capacity_Nm,
-            )?,
-            max_overruns: count("max_overruns", &units::IN_A_ROW, self.max_overruns)?,
-            max_device_errors: count(
-                "max_device_errors",
-                &units::BLIND_TICKS,
-                self.max_device_errors,
-            )?,
-        };
-        Ok(((1e9 / rate_hz).round() as u64, self.strategy()?, guards))
+    /// Puts law and guards into the settings; the tick period.
+    pub fn check(&self, settings: &mut Settings) -> Result<u64, FieldError> {
+        for (key, setting) in [
+            ("strategy", Setting::Strategy(self.strategy()?)),
+            ("force_limit_N", Setting::ForceLimit_N(self.force_limit_N)),
+            ("force_gain", Setting::ForceGain(self.force_gain)),
+            ("activation_ramp_ms", Setting::ActivationRamp_ms(self.activation_ramp_ms)),
+            ("slew_N_per_s", Setting::Slew_N_per_s(self.slew_N_per_s)),
+            ("stale_ramp_ms", Setting::StaleRamp_ms(self.stale_ramp_ms)),
+            ("closure_limit_rad", Setting::ClosureLimit_rad(self.closure_limit_rad)),
+            ("stop_capacity_Nm", Setting::StopCapacity_Nm(self.stop_capacity_Nm)),
+            ("max_overruns", Setting::MaxOverruns(self.max_overruns)),
+            ("max_device_errors", Setting::MaxDeviceErrors(self.max_device_errors)),
+        ] {
+            settings.set(&format!("control.{key}"), &setting)?;
+        }
+        let rate_hz = units::RATE.check("control.rate_hz", self.rate_hz)?;
+        Ok((1e9 / rate_hz).round() as u64)
     }
 
     fn strategy(&self) -> Result<Strategy, FieldError> {

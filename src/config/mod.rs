@@ -21,6 +21,7 @@ mod scene_layout;
 mod served;
 mod server;
 mod server_layout;
+mod settings;
 
 pub use device::{BUILT_IN, DeviceDefinition};
 pub use error::ConfigError;
@@ -28,7 +29,7 @@ pub use id::Id;
 pub use object::{GuidePath, ObjectKind, SceneObject};
 pub use object_layout::ObjectLayout;
 pub use object_message::{object_from_proto, object_to_proto};
-pub use plan::build_plan;
+pub use plan::{build_plan, plan_with};
 pub use scene::{ExpectedRevision, Scene, SceneError};
 pub use scene_file::{SceneFile, StateDir, StateError};
 pub use scene_layout::{read_scene_objects, write_scene_objects};
@@ -37,3 +38,4 @@ pub use server::{
     EXAMPLE, LogConfig, LogFormat, LogLevel, Overrides, RealtimePolicy, ServerConfig,
     SessionLimits, default_state_dir,
 };
+pub use settings::{Setting, Settings, SettingsError};

@@ -4,19 +4,25 @@
 
 use std::sync::Arc;
 
-use super::{DeviceDefinition, Scene};
+use super::{DeviceDefinition, Scene, Settings};
 use crate::control::Plan;
 
-/// The plan of a device with its scene.
+/// The plan of a device as it starts, with its scene.
 pub fn build_plan(device: &DeviceDefinition, scene: &Scene) -> Plan {
+    plan_with(device, &Settings::of(device), scene)
+}
+
+/// The plan of a device with these settings and this scene.
+pub fn plan_with(device: &DeviceDefinition, settings: &Settings, scene: &Scene) -> Plan {
     Plan {
         mechanism: Arc::clone(&device.mechanism),
         actuators: device.actuators,
-        mount: device.mount,
-        tool: device.tool,
+        home_rad: device.home_rad,
+        mount: settings.mount,
+        tool: settings.tool,
         tick_ns: device.tick_ns,
-        strategy: device.strategy,
-        guards: device.guards,
+        strategy: settings.strategy,
+        guards: settings.guards,
         scene: scene.items(),
         scene_revision: scene.revision(),
     }

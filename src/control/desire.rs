@@ -78,11 +78,11 @@ impl Request {
 
     /// What `desired` asks, where and of whom `asking` says.
     pub fn from_desired(desired: &Desired, asking: &Asking) -> Self {
-        let Wrench { force_N, moment_Nm } = asking.controller;
         let raw = Wrench {
-            force_N: desired.soft_W_N + force_N,
-            moment_Nm: desired.soft_moment_W_Nm + moment_Nm,
+            force_N: desired.soft_W_N + asking.controller.force_N,
+            moment_Nm: desired.soft_moment_W_Nm + asking.controller.moment_Nm,
         };
+        let (gain, Wrench { force_N, moment_Nm }) = (asking.gain(), asking.wanted());
         let mut request = Self { raw, ..Self::default() };
         let share = asking.controller_share(desired);
         let mut walls = Walls::default();
@@ -99,7 +99,7 @@ impl Request {
         let (size_N, clip) = asking.controller_soft();
         request.limits.set(Limit::Force, clip < 1.0);
         request.controller_N = size_N * clip * share;
-        let soft_W_N = desired.soft_W_N + force_N * (clip * share);
+        let soft_W_N = desired.soft_W_N * gain + force_N * (clip * share);
         request.add_soft(&soft_W_N, &Vector3::zeros(), asking);
         for (i, constraint) in desired.constraints().iter().enumerate() {
             let (normal_N, load_N) = pressed_N(constraint, &in_plane[i], &walls, asking);
@@ -112,7 +112,7 @@ impl Request {
             }
             request.account(constraint, normal_N, friction_W_N.norm());
         }
-        let moment_W_Nm = desired.soft_moment_W_Nm + moment_Nm * (clip * share);
+        let moment_W_Nm = desired.soft_moment_W_Nm * gain + moment_Nm * (clip * share);
         request.add_moments(&moment_W_Nm, asking);
         request.clip_total(asking);
         request
@@ -132,7 +132,8 @@ impl Request {
         // Clipped before it is merged: a wall that asks for more than there is leaves those
         // that coincide with it their part.
         let clipped_N = asking.clipped_N(constraint, &normal);
-        self.limits.set(Limit::Force, clipped_N < constraint.demand_N && clipped_N > 0.0);
+        let wanted_N = constraint.demand_N * asking.gain();
+        self.limits.set(Limit::Force, clipped_N < wanted_N && clipped_N > 0.0);
         let of_controller = constraint.source == Source::Controller;
         let granted_N = clipped_N * if of_controller { controller_share } else { 1.0 };
         self.limits.set(Limit::Freedom, across.abs() > LEAST_IN_PLANE);
@@ -206,6 +207,14 @@ impl Request {
         }
     }
 
+    /// Gives this share of everything, because the device was enabled a moment ago.
+    pub fn grow(&mut self, share: f64) {
+        if share < 1.0 {
+            self.limits.set(Limit::Activation, true);
+            self.scale(share);
+        }
+    }
+
     fn scale(&mut self, share: f64) {
         self.soft_BH_N *= share;
         self.walls[..self.count].iter_mut().for_each(|wall| wall.force_N *= share);
@@ -236,6 +245,17 @@ pub struct Asking<'a> {
 }
 
 impl Asking<'_> {
+    /// The share of everything asked that is wanted at all.
+    fn gain(&self) -> f64 {
+        self.plan.guards.force_gain
+    }
+
+    /// What the controller asks besides surfaces, as far as it is wanted.
+    fn wanted(&self) -> Wrench {
+        let Wrench { force_N, moment_Nm } = self.controller;
+        Wrench { force_N: force_N * self.gain(), moment_Nm: moment_Nm * self.gain() }
+    }
+
     /// Largest multiple of a wrench that makes sense to ask: its force within the configured
     /// limit, and all of it within what the device could give at all. Infinite for none.
     fn most_along(&self, wrench: &PlaneVector) -> f64 {
@@ -272,9 +292,10 @@ impl Asking<'_> {
     /// Size in the plane of what the controller asks besides surfaces, and the share of it
     /// that is left after clipping.
     fn controller_soft(&self) -> (f64, f64) {
-        let (mut planar, _) = self.planar(&self.controller.force_N, &Vector3::zeros());
+        let Wrench { force_N, moment_Nm } = self.wanted();
+        let (mut planar, _) = self.planar(&force_N, &Vector3::zeros());
         if self.turns() {
-            planar.z += (self.plan.mount.q_WB.inverse() * self.controller.moment_Nm).z;
+            planar.z += (self.plan.mount.q_WB.inverse() * moment_Nm).z;
         }
         (self.size_N(&planar), self.most_along(&planar).min(1.0))
     }
@@ -291,7 +312,7 @@ impl Asking<'_> {
         if share <= LEAST_IN_PLANE || constraint.demand_N <= 0.0 {
             return 0.0;
         }
-        constraint.demand_N.min(self.most_along(&(normal / share)) / share)
+        (constraint.demand_N * self.gain()).min(self.most_along(&(normal / share)) / share)
     }
 
     fn turns(&self) -> bool {

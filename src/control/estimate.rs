@@ -12,6 +12,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 
+use super::homing::Homing;
 use super::{Fault, Plan, Sample};
 use crate::actuation::ShaftMotion;
 use crate::mechanism::{KinematicsError, Posture};
@@ -62,6 +63,7 @@ pub struct Estimator {
     times_ns: [u64; WINDOW],
     filled: usize,
     closure_ticks: u32,
+    homing: Homing,
 }
 
 impl Estimator {
@@ -73,7 +75,7 @@ impl Estimator {
         let actuators = plan.mechanism.actuators();
         let rad_per_count = plan.actuators.counts_per_revolution.map(|n| std::f64::consts::TAU / n);
         let shaft_rad = ActuatorVector::from_fn(|i, _| match i < actuators {
-            true => sample.counts[i] as f64 * rad_per_count[i],
+            true => self.homing.shaft_rad(plan, i, sample.counts[i], rad_per_count[i]),
             false => 0.0,
         });
         // What fits no posture is not remembered either: it would spoil the rates for a while.
@@ -97,6 +99,16 @@ impl Estimator {
             motion,
             F_hand_BH_N: sample.F_hand_BH_N,
         })
+    }
+
+    /// What is known of where the encoders count from.
+    pub(super) fn homing_mut(&mut self) -> &mut Homing {
+        &mut self.homing
+    }
+
+    /// True when counts tell where the handle is.
+    pub fn is_homed(&self, plan: &Plan) -> bool {
+        self.homing.is_done(plan)
     }
 
     /// Forgets the past: after a fault the device may be somewhere else.

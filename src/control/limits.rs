@@ -20,11 +20,13 @@ pub enum Limit {
     Constraints,
     /// The controller's workspace is lifted off the device: nothing is rendered.
     Clutch,
+    /// The device was enabled a moment ago: the force still grows.
+    Activation,
 }
 
 impl Limit {
     /// Every limit, in the order of its bit.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Torque,
         Self::Force,
         Self::Slew,
@@ -32,6 +34,7 @@ impl Limit {
         Self::Freedom,
         Self::Constraints,
         Self::Clutch,
+        Self::Activation,
     ];
 
     /// The name used in metrics.
@@ -44,6 +47,7 @@ impl Limit {
             Self::Freedom => "freedom",
             Self::Constraints => "constraints",
             Self::Clutch => "clutch",
+            Self::Activation => "activation",
         }
     }
 }

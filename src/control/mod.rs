@@ -13,10 +13,12 @@
     deny(clippy::disallowed_types, clippy::disallowed_methods, clippy::disallowed_macros)
 )]
 
+mod activation;
 mod command;
 mod desire;
 mod estimate;
 mod guard;
+mod homing;
 mod limits;
 mod mode;
 mod plan;
@@ -30,6 +32,7 @@ mod walls;
 
 pub use command::{ControlCommand, ControlReply};
 pub use estimate::Estimate;
+pub use homing::HomeRefusal;
 pub use limits::{Limit, Limits};
 pub use mode::{Fault, Mode, ModeCommand, ModeRefusal};
 pub use plan::{Actuators, Guards, Mount, Plan, Tool};
@@ -41,6 +44,10 @@ pub use tick::{Decision, TickInput, tick};
 
 #[cfg(test)]
 mod fade_tests;
+#[cfg(test)]
+mod gain_tests;
+#[cfg(test)]
+mod homing_tests;
 #[cfg(test)]
 mod passivity_tests;
 #[cfg(test)]

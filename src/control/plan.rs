@@ -63,6 +63,11 @@ pub struct Actuators {
 pub struct Guards {
     /// A larger request is clipped to this, or to what the device can give where that is less.
     pub force_limit_N: f64,
+    /// Share of everything asked by scene and controller that is wanted at all, 0 to 1; acts
+    /// before anything is clipped.
+    pub force_gain: f64,
+    /// After Enable the force grows from nothing over this time.
+    pub activation_ramp_ns: u64,
     /// Fastest change of a soft force.
     pub slew_N_per_s: f64,
     /// A silent controller's force takes this long to fade.
@@ -81,6 +86,8 @@ impl Default for Guards {
     fn default() -> Self {
         Self {
             force_limit_N: 1000.0,
+            force_gain: 1.0,
+            activation_ramp_ns: 200_000_000,
             slew_N_per_s: 2_000.0,
             stale_ramp_ns: 50_000_000,
             closure_limit_rad: 0.2,
@@ -98,6 +105,8 @@ pub struct Plan {
     pub mechanism: Arc<dyn Mechanism>,
     /// Its actuators.
     pub actuators: Actuators,
+    /// Shaft angles at the home place, of incremental encoders; `None`: they are absolute.
+    pub home_rad: Option<ActuatorVector>,
     /// Where its plane lies.
     pub mount: Mount,
     /// What it carries.

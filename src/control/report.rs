@@ -117,6 +117,8 @@ pub struct Report {
     pub approximation_angle_rad: Option<f64>,
     /// Distance between `achievable` and the request clipped to limit and range.
     pub force_error_N: Option<f64>,
+    /// It is known where the encoders count from, and so where the handle is.
+    pub homed: bool,
     /// Held where it should be free.
     pub stuck: bool,
     /// Reasons for less.

@@ -1,5 +1,6 @@
 //! What a tick remembers for the next one. Bounded, plain, owned by the real-time thread.
 
+use super::activation::Activation;
 use super::estimate::Estimator;
 use super::stale::{Authority, Before};
 use super::{ActuatorCommands, ContactResult, Event, Fault, Mode, ModeCommand, ModeRefusal};
@@ -21,6 +22,7 @@ pub struct ControlState {
     pub(super) fault: Option<Fault>,
     pub(super) estimator: Estimator,
     pub(super) authority: Authority,
+    pub(super) activation: Activation,
     pub(super) stuck: StuckDetector,
     /// What the wall law remembers.
     pub(super) law: LawState,
@@ -54,6 +56,7 @@ impl ControlState {
             fault: None,
             estimator: Estimator::default(),
             authority: Authority::default(),
+            activation: Activation::default(),
             stuck: StuckDetector::default(),
             law: LawState::default(),
             was_stuck: false,
@@ -128,6 +131,7 @@ impl ControlState {
     fn enter(&mut self, mode: Mode) {
         if self.mode != mode {
             self.mode = mode;
+            self.activation.enter(mode);
             self.events.push(Event::Mode(mode));
         }
     }

@@ -61,17 +61,28 @@ pub fn tick(state: &mut ControlState, input: &TickInput) -> Decision {
 /// The estimate, unless the device gave none that makes sense; latches the faults that this
 /// reveals once they last.
 fn sense(state: &mut ControlState, input: &TickInput) -> Option<Estimate> {
+    let homing = state.estimator.homing_mut();
+    homing.see(input.sample.ok().map(|sample| sample.counts));
+    if input.sample == Err(DeviceError::Disconnected) {
+        homing.forget();
+    }
+    let homed = state.estimator.is_homed(input.plan);
     let estimate = input.sample.map_err(|_| Fault::Device).and_then(|sample| {
         if sample.buttons != state.last.buttons {
             state.events.push(Event::Button(sample.buttons));
         }
         state.last.buttons = sample.buttons;
-        state.estimator.update(&sample, input.plan, input.now_ns)
+        match (homed, state.mode) {
+            (true, _) => state.estimator.update(&sample, input.plan, input.now_ns).map(Some),
+            // Nothing is missed before the place is known, but it must not be lost.
+            (false, Mode::Enabled) => Err(Fault::Device),
+            (false, _) => Ok(None),
+        }
     });
     match estimate {
         Ok(estimate) => {
             state.blind_ticks = 0;
-            Some(estimate)
+            estimate
         }
         Err(fault) => {
             state.blind_ticks = state.blind_ticks.saturating_add(1);
@@ -104,6 +115,7 @@ fn blind(state: &mut ControlState, input: &TickInput) -> Decision {
         q_WT: last.q_WT,
         proxy_W_m: last.p_WT_m,
         buttons: last.buttons,
+        homed: state.estimator.is_homed(plan),
         scene_revision: plan.scene_revision,
         shaft_rad: last.shaft_rad,
         p_BH: last.p_BH,
@@ -235,6 +247,13 @@ fn desire(
     let controller_cap_N = state.authority.cap_N(input.now_ns, ramp_ns);
     let clutch_cap_N = state.authority.clutch_cap_N(input.now_ns, ramp_ns);
     let live = controller_cap_N > 0.0;
+    let activation = match state.mode {
+        Mode::Enabled => state.activation.share(input.now_ns, input.plan.guards.activation_ramp_ns),
+        _ => 1.0,
+    };
+    // A fade begins at what was given; it is not made smaller a second time.
+    let controller_cap_N =
+        if activation > 0.0 { controller_cap_N / activation } else { controller_cap_N };
     let contacts = || setpoint.contacts().filter(|_| live);
     state.contacts.follow(setpoint.epoch, contacts());
     let mut desired = Desired::default();
@@ -252,6 +271,7 @@ fn desire(
     let asking =
         Asking { tool, estimate, plan: input.plan, capability, controller, controller_cap_N };
     let mut request = Request::from_desired(&desired, &asking);
+    request.grow(activation);
     request.cap(clutch_cap_N, &asking);
     request.limits.set(Limit::Clutch, state.authority.is_clutched());
     let total_N = request.total_N(&asking);
@@ -317,6 +337,7 @@ fn sensed(state: &ControlState, estimate: &Estimate, tool: &Tool, input: &TickIn
         omega_WT_rad_per_s: motion.omega_WT_rad_per_s,
         hand: estimate.F_hand_BH_N.map(|hand| wrench_W(&hand, estimate, plan)),
         buttons: state.last.buttons,
+        homed: true,
         scene_revision: plan.scene_revision,
         shaft_rad: estimate.shaft_rad,
         shaft_rad_per_s: estimate.shaft_rad_per_s,

@@ -34,6 +34,8 @@ impl Default for ForceSensor {
 #[derive(Clone, Debug)]
 pub struct Sensors {
     counts_per_rad: ActuatorVector,
+    /// What is counted where the encoders say zero.
+    zero: [i64; MAX_ACTUATORS],
     force_sensor: Option<ForceSensor>,
     rng: ChaCha8Rng,
 }
@@ -47,9 +49,21 @@ impl Sensors {
     ) -> Self {
         Self {
             counts_per_rad: counts_per_revolution / TAU,
+            zero: [0; MAX_ACTUATORS],
             force_sensor,
             rng: ChaCha8Rng::seed_from_u64(seed),
         }
+    }
+
+    /// The encoders are incremental ones that were switched on here.
+    pub fn count_from(&mut self, shaft_rad: &ActuatorVector) {
+        self.zero = self.counts(shaft_rad);
+    }
+
+    fn counts(&self, shaft_rad: &ActuatorVector) -> [i64; MAX_ACTUATORS] {
+        let counts = shaft_rad.component_mul(&self.counts_per_rad);
+        // The cast saturates, and takes what is not a number as zero.
+        std::array::from_fn(|i| (counts[i].floor() as i64).saturating_sub(self.zero[i]))
     }
 
     /// What is read where the shafts are at `shaft_rad` and the hand pulls with
@@ -60,10 +74,8 @@ impl Sensors {
         F_hand_BH_N: &PlaneVector,
         buttons: u32,
     ) -> Sample {
-        let counts = shaft_rad.component_mul(&self.counts_per_rad);
         Sample {
-            // The cast saturates, and takes what is not a number as zero.
-            counts: std::array::from_fn::<_, MAX_ACTUATORS, _>(|i| counts[i].floor() as i64),
+            counts: self.counts(shaft_rad),
             F_hand_BH_N: self.force_sensor.map(|sensor| {
                 let mut noise = || sensor.noise_rms_N * self.rng.sample::<f64, _>(StandardNormal);
                 F_hand_BH_N + PlaneVector::new(sensor.bias_N + noise(), noise(), 0.0)

@@ -52,6 +52,8 @@ pub struct SimulationParameters {
     pub hand: HandProgram,
     /// Where the handle begins, in B, metres.
     pub start_m: [f64; 2],
+    /// The encoders count from zero, wherever the handle begins.
+    pub incremental: bool,
 }
 
 impl SimulationParameters {
@@ -69,6 +71,7 @@ impl SimulationParameters {
             force_sensor: Some(ForceSensor::default()),
             hand,
             start_m: hand.start_m(),
+            incremental: false,
         }
     }
 }
@@ -116,16 +119,18 @@ impl SimulatedDevice {
             lag_s: parameters.lag_s,
             residual_Nm: parameters.residual_Nm,
         };
+        let plant = Plant::new(plant, &p_BH)?;
         // Hand and sensors draw from different streams: a device without a force sensor has
         // the same hand.
+        let mut sensors =
+            Sensors::new(&parameters.counts_per_revolution, parameters.force_sensor, !seed);
+        if parameters.incremental {
+            sensors.count_from(plant.shaft_rad());
+        }
         Ok(Self {
-            plant: Plant::new(plant, &p_BH)?,
+            plant,
             hand: Hand::new(parameters.hand, &p_BH, seed),
-            sensors: Sensors::new(
-                &parameters.counts_per_revolution,
-                parameters.force_sensor,
-                !seed,
-            ),
+            sensors,
             action: HandAction::default(),
             read_at_ns: None,
         })

@@ -136,6 +136,13 @@ fn most(files: Option<u64>) -> usize {
     (spare / 3).clamp(FEWEST, MOST) as usize
 }
 
+impl Door {
+    /// The port that it listens on; 0 where that cannot be told.
+    pub fn port(&self) -> u16 {
+        self.listener.local_addr().map_or(0, |address| address.port())
+    }
+}
+
 impl axum::serve::Listener for Door {
     type Io = Visitor;
     type Addr = SocketAddr;

@@ -58,7 +58,7 @@ impl<D: Device> World<D> {
     fn mode(&mut self, command: ModeCommand) -> Option<Mode> {
         match self.ask(ControlCommand::Mode(command)) {
             ControlReply::Mode(mode) => mode.ok(),
-            ControlReply::Retired(_) => panic!("that was no plan"),
+            ControlReply::Home(_) | ControlReply::Retired(_) => panic!("that was no mode"),
         }
     }
 }

@@ -67,8 +67,13 @@ impl Riding {
 
 /// An event of the device.
 pub(super) fn of_device(id: u64, time_ns: u64, event: Event) -> StreamMessage {
+    StreamMessage { body: Some(Body::Event(event_to_proto(id, time_ns, event))) }
+}
+
+/// An event of the device as the contract has it.
+pub fn event_to_proto(id: u64, device_time_ns: u64, event: Event) -> proto::Event {
     let (kind, value) = kind_and_value(event);
-    message(id, time_ns, kind, value)
+    proto::Event { id, device_time_ns, kind: kind.into(), value }
 }
 
 fn kind_and_value(event: Event) -> (EventKind, u32) {
@@ -86,13 +91,9 @@ fn kind_and_value(event: Event) -> (EventKind, u32) {
 
 /// The lease passed: the epoch in force, 0 for none (its low 32 bits).
 pub(super) fn of_lease(now_ns: u64, epoch: u64) -> StreamMessage {
-    message(0, now_ns, EventKind::Lease, epoch as u32)
-}
-
-fn message(id: u64, device_time_ns: u64, kind: EventKind, value: u32) -> StreamMessage {
-    StreamMessage {
-        body: Some(Body::Event(proto::Event { id, device_time_ns, kind: kind.into(), value })),
-    }
+    let (id, kind, value) = (0, EventKind::Lease.into(), epoch as u32);
+    let event = proto::Event { id, device_time_ns: now_ns, kind, value };
+    StreamMessage { body: Some(Body::Event(event)) }
 }
 
 #[cfg(test)]
@@ -134,8 +135,8 @@ mod tests {
             (Event::Button(5), EventKind::Button, 5),
         ];
         for (event, kind, value) in table {
-            let expected = message(7, 8, kind, value);
-            assert_eq!(of_device(7, 8, event), expected, "{event:?}");
+            let expected = proto::Event { id: 7, device_time_ns: 8, kind: kind.into(), value };
+            assert_eq!(event_to_proto(7, 8, event), expected, "{event:?}");
         }
     }
 }

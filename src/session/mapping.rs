@@ -73,6 +73,7 @@ impl From<Limit> for proto::Limit {
             Limit::Freedom => Self::Freedom,
             Limit::Constraints => Self::Constraints,
             Limit::Clutch => Self::Clutch,
+            Limit::Activation => Self::Activation,
         }
     }
 }

@@ -72,6 +72,7 @@ use peer::Peer;
 pub use calls::{CallRefusal, LeaseInfo, Ticket};
 pub use config::{Role, SessionConfig, SessionId, Transport};
 pub use counters::{Counters, Outcome, StaleReason};
+pub use events::event_to_proto;
 pub use hand::HandTarget;
 pub use mapping::{SCENE_ID, surface_id};
 pub use offset::{Clock, Direction};

@@ -10,24 +10,32 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use super::{DeviceMetrics, RunSummary};
+use super::{DeviceMetrics, EventHistory, RunSummary};
 use crate::control::{Record, Report};
 
 /// Between two looks at the ring: a few ticks, so that a live view is not late.
 const PERIOD: Duration = Duration::from_millis(4);
 
-/// The newest report of a device, for whoever asks.
+/// The newest report of a device and its newest events, for whoever asks.
 #[derive(Clone, Debug, Default)]
-pub struct LatestReport(Arc<Mutex<Report>>);
+pub struct LatestReport {
+    report: Arc<Mutex<Report>>,
+    events: EventHistory,
+}
 
 impl LatestReport {
     /// The newest report; tick 0 before the first.
     pub fn get(&self) -> Report {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        *self.report.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// What happened lately.
+    pub fn events(&self) -> &EventHistory {
+        &self.events
     }
 
     fn set(&self, report: Report) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = report;
+        *self.report.lock().unwrap_or_else(PoisonError::into_inner) = report;
     }
 }
 
@@ -66,6 +74,7 @@ fn drain(
         if let Some(summary) = summary {
             summary.lock().unwrap_or_else(PoisonError::into_inner).observe(&record);
         }
+        latest.events.take_in(&record.report);
         newest = Some(record.report);
     }
     if let Some(report) = newest {

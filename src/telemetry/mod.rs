@@ -13,12 +13,14 @@
 //! a [`Scrape`] for the text.
 
 mod feed;
+mod history;
 mod metrics;
 mod registry;
 mod summary;
 pub mod table;
 
 pub use feed::{LatestReport, spawn};
+pub use history::{EventHistory, Happened, KEPT};
 pub use metrics::{DeviceMetrics, StreamMetrics};
 pub use registry::{Scrape, Telemetry, TelemetryError};
 pub use summary::{RegionTicks, RoundTrips, RunFigures, RunSummary, durations_ns};

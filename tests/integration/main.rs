@@ -6,7 +6,13 @@
 mod commands;
 mod devices;
 #[cfg(feature = "net")]
+mod explain;
+#[cfg(feature = "net")]
+mod homing;
+#[cfg(feature = "net")]
 mod hostile;
+#[cfg(feature = "net")]
+mod manipulability;
 #[cfg(feature = "net")]
 mod metrics;
 #[cfg(feature = "net")]
@@ -23,8 +29,14 @@ mod scene_commands;
 mod services;
 mod sessions;
 #[cfg(feature = "net")]
+mod settings;
+#[cfg(feature = "net")]
 mod stream;
 #[cfg(feature = "net")]
 mod support;
 mod tidy;
+#[cfg(feature = "net")]
+mod top;
 mod vectors;
+#[cfg(feature = "net")]
+mod watches;

@@ -25,6 +25,7 @@ const LAYERS: &[&str] = &[
     "session",
     "device",
     "config",
+    "explain",
     "analysis",
     "clock",
     "rt",
@@ -51,7 +52,8 @@ const STRANGERS: &[(&str, &str)] = &[
 ];
 
 /// Modules of values and `now` alone.
-const PURE: &[&str] = &["mechanism", "environment", "actuation", "wire", "control", "session"];
+const PURE: &[&str] =
+    &["mechanism", "environment", "actuation", "wire", "control", "session", "explain"];
 
 /// What belongs to the rim, and the modules that are it.
 const NETWORK: &[&str] = &[

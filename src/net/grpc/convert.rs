@@ -3,7 +3,7 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::config::Id;
+use crate::config::{Id, Scene};
 use crate::control::{self, Report};
 use crate::environment::Source;
 use crate::host::DeviceHost;
@@ -56,6 +56,15 @@ pub fn state_to_proto(host: &DeviceHost, report: &Report) -> proto::DeviceState 
         fault: report.fault.map_or(proto::Fault::Unspecified, Into::into).into(),
         command_seq: report.command_seq,
         buttons: report.buttons,
+        homing: homing(host, report).into(),
+    }
+}
+
+fn homing(host: &DeviceHost, report: &Report) -> proto::Homing {
+    match (host.definition().home_m, report.homed) {
+        (None, _) => proto::Homing::NotNeeded,
+        (Some(_), false) => proto::Homing::Needed,
+        (Some(_), true) => proto::Homing::Done,
     }
 }
 
@@ -66,21 +75,25 @@ fn limits(report: &Report) -> impl Iterator<Item = proto::Limit> + '_ {
 
 fn contacts(host: &DeviceHost, report: &Report) -> Vec<proto::ContactState> {
     let scene = host.scene();
-    let placed = scene.placed();
-    let name = |source: Source, id: u32| match source {
-        Source::Controller => format!("contacts/{id}"),
-        Source::Scene => {
-            let object = placed.iter().find(|(slot, _)| u32::from(*slot) == id);
-            object.map_or_else(String::new, |(_, object)| names::object(host, object.id().as_str()))
-        }
-    };
     let state = |contact: &control::ContactResult| proto::ContactState {
-        name: name(contact.source, contact.id),
+        name: surface(host, &scene, contact.source, contact.id),
         depth_m: contact.depth_m,
         normal_n: contact.normal_N,
         friction_n: contact.friction_N,
     };
     report.contacts().iter().map(state).collect()
+}
+
+/// The name of a surface that is touched; empty for an object that is gone.
+pub fn surface(host: &DeviceHost, scene: &Scene, source: Source, id: u32) -> String {
+    match source {
+        Source::Controller => format!("contacts/{id}"),
+        Source::Scene => {
+            let placed = scene.placed();
+            let object = placed.iter().find(|(slot, _)| u32::from(*slot) == id);
+            object.map_or_else(String::new, |(_, object)| names::object(host, object.id().as_str()))
+        }
+    }
 }
 
 fn actuators(host: &DeviceHost, report: &Report) -> Vec<proto::ActuatorState> {

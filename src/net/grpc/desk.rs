@@ -2,7 +2,7 @@
 //!
 //! What blocks goes through a [`Lane`]: scene edits, which wait for the disk, through one;
 //! changes of mode through another; and Stop through one of its own, so that nothing that
-//! anybody else has asked for can keep it waiting. Each device has its own three.
+//! anybody else has asked for can keep it waiting. Each device has its own.
 
 use std::sync::Arc;
 
@@ -27,6 +27,8 @@ pub struct Desk {
     pub host: Arc<DeviceHost>,
     /// For what waits for the disk.
     pub edits: Lane,
+    /// For settings.
+    pub settings: Lane,
     /// For changes of mode.
     pub modes: Lane,
     /// For Stop alone.
@@ -38,8 +40,8 @@ pub struct Desk {
 impl Desk {
     fn new(host: Arc<DeviceHost>) -> Self {
         let newest_scene = Arc::new(watch::Sender::new(host.scene()));
-        let (edits, modes, stops) = Default::default();
-        Self { host, edits, modes, stops, newest_scene }
+        let (edits, settings, modes, stops) = Default::default();
+        Self { host, edits, settings, modes, stops, newest_scene }
     }
 }
 

@@ -9,11 +9,12 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status};
 
 use super::desk::{Desk, Desks};
-use super::{convert, field_status, names};
+use super::{convert, explain, field_status, manipulability, names, settings, watches};
 use crate::actuation::ActuatorKind;
-use crate::config::Id;
+use crate::config::{Id, Settings};
 use crate::control::{ModeCommand, Report};
 use crate::host::DeviceHost;
+use crate::net::SessionDesk;
 use crate::proto::device_service_server::DeviceService;
 use crate::proto::{
     self, ActuatorDescription, ClearFaultRequest, Device, DeviceDescription, DeviceMode,
@@ -43,19 +44,35 @@ const PAUSE: Duration = Duration::from_millis(1);
 /// The service.
 pub struct Devices {
     desks: Desks,
+    sessions: SessionDesk,
+    http_port: u16,
     watches: Arc<Semaphore>,
     stopped: watch::Receiver<bool>,
 }
 
 impl Devices {
     /// Of these devices; watches end when `stopped` is true or its sender gone.
-    pub fn new(desks: Desks, stopped: watch::Receiver<bool>) -> Self {
+    pub fn new(
+        desks: Desks,
+        sessions: SessionDesk,
+        http_port: u16,
+        stopped: watch::Receiver<bool>,
+    ) -> Self {
         let watches = Arc::new(Semaphore::new(MAX_WATCHES));
-        Self { desks, watches, stopped }
+        Self { desks, sessions, http_port, watches, stopped }
     }
 
     fn find(&self, name: &str) -> Result<&Desk, Status> {
         names::find_device(&self.desks, "name", name)
+    }
+
+    /// A place among the watches.
+    fn watch(&self) -> Result<watches::Watch, Status> {
+        let Ok(place) = Arc::clone(&self.watches).try_acquire_owned() else {
+            let full = format!("{MAX_WATCHES} watches are open already; end one of them");
+            return Err(Status::resource_exhausted(full));
+        };
+        Ok(watches::Watch { place, stopped: self.stopped.clone() })
     }
 
     async fn change(
@@ -75,7 +92,7 @@ impl Devices {
 
 /// The newest report, never one from before something that was acknowledged, unless the loop
 /// has stopped reporting.
-async fn report(host: &DeviceHost) -> Report {
+pub(super) async fn report(host: &DeviceHost) -> Report {
     let deadline = Instant::now() + NO_REPORT;
     loop {
         let report = host.report();
@@ -94,14 +111,35 @@ impl DeviceService for Devices {
     ) -> Result<Response<ListDevicesResponse>, Status> {
         let mut devices = Vec::new();
         for Desk { host, .. } in self.desks.iter() {
-            devices.push(Device {
-                name: names::device(host),
-                mechanism: host.definition().mechanism.name().to_owned(),
-                simulated: true,
-                mode: proto::Mode::from(report(host).await.mode).into(),
-            });
+            devices.push(listed(host, &report(host).await));
         }
-        Ok(Response::new(ListDevicesResponse { devices }))
+        let http_port = self.http_port.into();
+        Ok(Response::new(ListDevicesResponse { devices, http_port }))
+    }
+
+    type WatchDevicesStream = watches::Answers<ListDevicesResponse>;
+
+    async fn watch_devices(
+        &self,
+        _: Request<proto::WatchDevicesRequest>,
+    ) -> Result<Response<Self::WatchDevicesStream>, Status> {
+        let (desks, http_port) = (Arc::clone(&self.desks), self.http_port.into());
+        let list = move || {
+            let devices = desks.iter().map(|desk| listed(&desk.host, &desk.host.report()));
+            ListDevicesResponse { devices: devices.collect(), http_port }
+        };
+        Ok(Response::new(watches::devices(list, self.watch()?)))
+    }
+
+    type WatchEventsStream = watches::Answers<proto::DeviceEvent>;
+
+    async fn watch_events(
+        &self,
+        request: Request<proto::WatchEventsRequest>,
+    ) -> Result<Response<Self::WatchEventsStream>, Status> {
+        let request = request.into_inner();
+        let host = Arc::clone(&self.find(&request.name)?.host);
+        Ok(Response::new(watches::events(host, &request, self.watch()?)?))
     }
 
     async fn get_description(
@@ -126,19 +164,15 @@ impl DeviceService for Devices {
         request: Request<WatchStateRequest>,
     ) -> Result<Response<Self::WatchStateStream>, Status> {
         let WatchStateRequest { name, interval_ms } = request.into_inner();
-        let Desk { host, .. } = self.find(&name)?;
+        let host = Arc::clone(&self.find(&name)?.host);
         if interval_ms > MAX_INTERVAL_MS {
             let allowed =
                 format!("must be 1 to {MAX_INTERVAL_MS} ms, or 0 for {DEFAULT_INTERVAL_MS}");
             return Err(field_status(&FieldError::new("interval_ms", interval_ms, allowed)));
         }
         let interval_ms = if interval_ms == 0 { DEFAULT_INTERVAL_MS } else { interval_ms };
-        let Ok(place) = Arc::clone(&self.watches).try_acquire_owned() else {
-            let full = format!("{MAX_WATCHES} watches are open already; end one of them");
-            return Err(Status::resource_exhausted(full));
-        };
+        let watches::Watch { place, mut stopped } = self.watch()?;
         let (states, watched) = mpsc::channel(WAITING_STATES);
-        let (host, mut stopped) = (Arc::clone(host), self.stopped.clone());
         tokio::spawn(async move {
             let _place = place;
             let mut interval = interval(Duration::from_millis(interval_ms.into()));
@@ -155,6 +189,53 @@ impl DeviceService for Devices {
             }
         });
         Ok(Response::new(ReceiverStream::new(watched)))
+    }
+
+    async fn get_settings(
+        &self,
+        request: Request<proto::GetSettingsRequest>,
+    ) -> Result<Response<proto::Settings>, Status> {
+        Ok(Response::new(settings::get(&self.find(&request.get_ref().name)?.host)))
+    }
+
+    async fn update_settings(
+        &self,
+        request: Request<proto::UpdateSettingsRequest>,
+    ) -> Result<Response<proto::Settings>, Status> {
+        let request = request.into_inner();
+        let name = request.settings.as_ref().map_or("", |settings| &settings.name);
+        let desk = names::find_device(&self.desks, "settings.name", name)?;
+        let changed = settings::update(Arc::clone(&desk.host), &desk.settings, request).await?;
+        Ok(Response::new(changed))
+    }
+
+    async fn explain(
+        &self,
+        request: Request<proto::ExplainRequest>,
+    ) -> Result<Response<proto::Explanation>, Status> {
+        let request = request.into_inner();
+        let Desk { host, .. } = self.find(&request.name)?;
+        let who = explain::who(&self.sessions, names::device(host), &request.session).await?;
+        Ok(Response::new(explain::of_last_tick(host, &request, who).await?))
+    }
+
+    async fn get_manipulability(
+        &self,
+        request: Request<proto::GetManipulabilityRequest>,
+    ) -> Result<Response<proto::Manipulability>, Status> {
+        let Desk { host, .. } = self.find(&request.get_ref().name)?;
+        Ok(Response::new(manipulability::get(host, request.get_ref()).await?))
+    }
+
+    async fn home(
+        &self,
+        request: Request<proto::HomeRequest>,
+    ) -> Result<Response<DeviceState>, Status> {
+        let Desk { host, modes, .. } = self.find(&request.get_ref().name)?;
+        let homed = Arc::clone(host);
+        modes.run(move || homed.home()).await?;
+        tracing::info!(name = names::device(host), "homed");
+        Ok(Response::new(convert::state_to_proto(host, &report(host).await)))
     }
 
     async fn enable(
@@ -183,8 +264,18 @@ impl DeviceService for Devices {
     }
 }
 
+fn listed(host: &DeviceHost, report: &Report) -> Device {
+    Device {
+        name: names::device(host),
+        mechanism: host.definition().mechanism.name().to_owned(),
+        simulated: true,
+        mode: proto::Mode::from(report.mode).into(),
+    }
+}
+
 fn describe(host: &DeviceHost) -> DeviceDescription {
     let device = host.definition();
+    let Settings { guards, mount, .. } = host.settings().settings;
     let (min_radius_m, max_radius_m) = device.mechanism.reach_m();
     let freedoms = device.mechanism.freedoms() as u32;
     let actuator = |(i, name): (usize, &Id)| ActuatorDescription {
@@ -206,11 +297,12 @@ fn describe(host: &DeviceHost) -> DeviceDescription {
         actuators: device.actuator_names.iter().enumerate().map(actuator).collect(),
         tick_period_s: device.tick_ns as f64 * 1e-9,
         hand_force_sensor: device.force_sensor.is_some(),
-        force_limit_n: device.guards.force_limit_N,
+        force_limit_n: guards.force_limit_N,
         workspace_min_radius_m: min_radius_m,
         workspace_max_radius_m: max_radius_m,
-        mount: convert::pose(&device.mount.p_WB_m, &device.mount.q_WB),
+        mount: convert::pose(&mount.p_WB_m, &mount.q_WB),
         parameters: device.parameters.iter().cloned().collect(),
         handle_mass_kg: device.handle_mass_kg,
+        home_m: device.home_m.map(|[x, y]| proto::Vector3 { x, y, z: 0.0 }),
     }
 }

@@ -3,9 +3,13 @@
 mod convert;
 mod desk;
 mod devices;
+mod explain;
+mod manipulability;
 mod names;
 mod scenes;
 mod sessions;
+mod settings;
+mod watches;
 
 use std::time::Duration;
 
@@ -37,12 +41,14 @@ const CALLS: u32 = 2048;
 /// or its sender gone, and the calls under way are answered.
 pub async fn serve(
     door: Door,
+    http_port: u16,
     hosts: Hosts,
     sessions: SessionDesk,
     mut stopped: watch::Receiver<bool>,
 ) -> anyhow::Result<()> {
     let desks = desks(&hosts);
-    let devices = DeviceServiceServer::new(Devices::new(desks.clone(), stopped.clone()));
+    let devices = Devices::new(desks.clone(), sessions.clone(), http_port, stopped.clone());
+    let devices = DeviceServiceServer::new(devices);
     let scenes = SceneServiceServer::new(Scenes::new(desks, stopped.clone()));
     let sessions = SessionServiceServer::new(SessionCallsService::new(sessions, hosts));
     let (reporter, health) = tonic_health::server::health_reporter();
@@ -75,8 +81,9 @@ pub async fn serve(
 fn host_status(error: &HostError) -> Status {
     let text = error.to_string();
     match error {
-        HostError::Mode(_) => Status::failed_precondition(text),
+        HostError::Mode(_) | HostError::Home(_) => Status::failed_precondition(text),
         HostError::Scene(error) => scene_status(error),
+        HostError::Settings(error) => settings::status(error),
         HostError::State(_) => Status::internal(text),
         HostError::Busy | HostError::Unresponsive => Status::unavailable(text),
     }

@@ -1,8 +1,11 @@
 //! `brake-alloc.json`: bounds, regions, the papers' rule and the optimum of braked devices.
 
+use std::f64::consts::{PI, TAU};
+
 use hapticd::actuation::{
     ActuatorKind, Bounds, Capability, ShaftMotion, classify, nearest_reference, optimal,
 };
+use hapticd::analysis::manipulability::{Sector, manipulability};
 use hapticd::notation::{ActuatorVector, MAX_ACTUATORS, PlaneVector, ReferenceMatrix};
 
 use super::{Case, cases, close};
@@ -24,6 +27,7 @@ fn check(case: &Case) {
     case.expect("lo", &capability.bounds.lower_Nm.as_slice()[..n]);
     case.expect("hi", &capability.bounds.upper_Nm.as_slice()[..n]);
     case.expect_region(classify(&capability, &desired, &velocity));
+    check_sector(case, &capability, &desired, v_y.atan2(v_x));
     if !case.value("paper_tau").is_null() {
         let rule = nearest_reference(&capability, &desired, &velocity);
         case.expect("paper_tau_raw", &rule.raw_torque_Nm.as_slice()[..n]);
@@ -31,6 +35,25 @@ fn check(case: &Case) {
         case.expect("paper_F", rule.allocation.wrench.xy().as_slice());
     }
     check_optimum(case, &capability, &desired);
+}
+
+/// The sector that the desired force is in has the region of the case.
+fn check_sector(case: &Case, capability: &Capability, desired: &PlaneVector, motion_rad: f64) {
+    let max_torque_Nm = ActuatorVector::repeat(case.number("tau_max"));
+    let found = manipulability(capability, &max_torque_Nm, Some(motion_rad), 1);
+    let angle_rad = desired.y.atan2(desired.x);
+    let edge = |rad: f64| (angle_rad - rad + PI).rem_euclid(TAU) - PI;
+    // On an edge either region is right.
+    if found.sectors.iter().any(|sector| edge(sector.from_rad).abs() < 1e-9) {
+        return;
+    }
+    let inside = |sector: &&Sector| {
+        (angle_rad - sector.from_rad).rem_euclid(TAU) < sector.to_rad - sector.from_rad
+    };
+    let region = found.sectors.iter().find(inside).map(|sector| sector.region);
+    let direct =
+        classify(capability, desired, &PlaneVector::new(motion_rad.cos(), motion_rad.sin(), 0.0));
+    assert_eq!(region, direct.map(|direct| direct.region), "{}", case.place("region"));
 }
 
 fn capability(case: &Case, velocity: &PlaneVector) -> Capability {

@@ -1,4 +1,4 @@
-//! Bare echoes: what a round trip costs before hapticd adds anything.
+//! Bare echoes: what a round trip costs before hapticd adds anything, and how to compare.
 //!
 //! Each server is a thread with a `current_thread` runtime of its own that sends back what it
 //! gets; each client lives in the runtime of the caller. The payload is a Ping of the protocol.
@@ -8,20 +8,83 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use hapticd::proto::{Ping, datagram::Body};
-use hapticd::{quic, wire};
 use quinn::crypto::rustls::{QuicClientConfig, QuicServerConfig};
 use quinn::{Connection, Endpoint, EndpointConfig, TokioRuntime};
 use rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use tokio::net::UdpSocket;
 use tokio::sync::oneshot;
+use tokio::time::{MissedTickBehavior, interval, sleep_until};
+
+use crate::client::{Client, Incoming};
+use crate::proto::{Ping, datagram::Body};
+use crate::{quic, wire};
+
+/// An answer that takes longer is lost.
+const LOST: Duration = Duration::from_millis(200);
+
+/// Pings of a block that only wake everything up.
+const WARM_UP: usize = 10;
 
 /// A way to the other end and back.
+#[allow(async_fn_in_trait)] // nobody needs it to be Send
 pub trait Way {
     /// Sends a Ping.
     fn ask(&mut self) -> anyhow::Result<()>;
     /// The round trip of the next answer. Cancel safe.
     async fn answer(&mut self) -> anyhow::Result<Duration>;
+}
+
+/// One block of pings, sent on time whether or not the one before is back; what comes back
+/// after the first few is recorded.
+pub async fn block(
+    way: &mut impl Way,
+    pings: usize,
+    pace: Duration,
+    mut record: impl FnMut(Duration),
+) -> anyhow::Result<()> {
+    let mut ticks = interval(pace);
+    ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let (mut sent, mut answered) = (0, 0);
+    let mut over = Instant::now() + LOST + pace * (2 * pings) as u32;
+    while answered < pings && Instant::now() < over {
+        tokio::select! {
+            biased;
+            round_trip = way.answer() => {
+                let round_trip = round_trip?;
+                answered += 1;
+                if answered > WARM_UP {
+                    record(round_trip);
+                }
+            }
+            _ = ticks.tick(), if sent < pings => {
+                way.ask()?;
+                sent += 1;
+                if sent == pings {
+                    over = Instant::now() + LOST;
+                }
+            }
+            () = sleep_until(over.into()) => {}
+        }
+    }
+    anyhow::ensure!(2 * answered > pings, "only {answered} of {pings} pings came back");
+    Ok(())
+}
+
+/// The client of a server. What else it receives, it answers on the way.
+pub struct Served(pub Client);
+
+impl Way for Served {
+    fn ask(&mut self) -> anyhow::Result<()> {
+        Ok(self.0.send_ping()?)
+    }
+
+    async fn answer(&mut self) -> anyhow::Result<Duration> {
+        loop {
+            if let Incoming::RoundTrip(time) = self.0.next().await? {
+                return Ok(time);
+            }
+        }
+    }
 }
 
 /// Numbers Pings and reads the time from their answers.
