@@ -7,11 +7,12 @@ use std::{env, error::Error, fs, path::PathBuf};
 
 use prost::Message;
 
-const PROTOS: [&str; 4] = [
+const PROTOS: [&str; 5] = [
     "proto/hapticd/v1/common.proto",
     "proto/hapticd/v1/stream.proto",
     "proto/hapticd/v1/device.proto",
     "proto/hapticd/v1/scene.proto",
+    "proto/hapticd/v1/record.proto",
 ];
 
 fn main() -> Result<(), Box<dyn Error>> {

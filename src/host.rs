@@ -6,13 +6,16 @@
 //! take it, the disk is put back. Blocking calls, milliseconds; never from the stream thread.
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, mpsc};
 use std::time::{Duration, Instant};
 
 use crate::clock::now_ns;
 use crate::config::{DeviceDefinition, Scene, SceneError, SceneFile, StateError, build_plan};
-use crate::control::{ControlCommand, ControlReply, Mode, ModeCommand, ModeRefusal, Report};
+use crate::control::{
+    ControlCommand, ControlReply, ControlState, Mode, ModeCommand, ModeRefusal, Plan, Report,
+};
 use crate::link::SupervisorEnd;
+use crate::recording::{Message, plan_entry, snapshot_entry};
 use crate::telemetry::LatestReport;
 
 /// A command waits this long for the loop; at 1 kHz it takes a millisecond.
@@ -57,6 +60,9 @@ pub struct DeviceHost {
     /// The scene in force, for readers: an edit holds `scene` while it waits for disk and loop.
     in_force: Mutex<Arc<Scene>>,
     latest: LatestReport,
+    recorder: mpsc::Sender<Message>,
+    /// Generation of the last plan made.
+    generation: AtomicU64,
     /// When the last reply of the loop was seen.
     acknowledged_ns: AtomicU64,
 }
@@ -68,19 +74,59 @@ struct KeptScene {
 }
 
 impl DeviceHost {
-    /// A running device with the scene that it runs with.
+    /// A running device with the scene that it runs with, in a plan of the first generation.
     pub fn new(
         definition: DeviceDefinition,
         supervisor: Supervisor,
         scene: Scene,
         file: SceneFile,
         latest: LatestReport,
+        recorder: mpsc::Sender<Message>,
     ) -> Self {
         let in_force = Mutex::new(Arc::new(scene.clone()));
         let scene = Mutex::new(KeptScene { scene, file });
         let supervisor = Mutex::new((0, supervisor));
         let acknowledged_ns = AtomicU64::new(0);
-        Self { definition, supervisor, scene, in_force, latest, acknowledged_ns }
+        let generation = AtomicU64::new(0);
+        let host = Self {
+            definition,
+            supervisor,
+            scene,
+            in_force,
+            latest,
+            recorder,
+            generation,
+            acknowledged_ns,
+        };
+        host.next_plan(&host.scene());
+        host
+    }
+
+    /// The next plan for the device, which the recorder is told of before it can be in force.
+    fn next_plan(&self, scene: &Scene) -> Box<Plan> {
+        let mut plan = Box::new(build_plan(&self.definition, scene));
+        plan.generation = self.generation.fetch_add(1, Ordering::Relaxed) + 1;
+        let entry = plan_entry(&plan, &self.definition, scene).into();
+        self.tell_recorder(Message::Plan { generation: plan.generation, entry });
+        plan
+    }
+
+    /// Tells the recorder; one that has ended records no more.
+    pub fn tell_recorder(&self, message: Message) {
+        let _ = self.recorder.send(message);
+    }
+
+    /// Has the loop copy its state for the recorder: from there on a recording can be replayed.
+    pub fn snapshot(&self) -> Result<(), HostError> {
+        if !self.is_alive() {
+            return Err(HostError::Unresponsive);
+        }
+        let copy = Box::new(ControlState::new(Mode::Disabled));
+        if let ControlReply::Snapshot(state) = self.execute(ControlCommand::Snapshot(copy), None)? {
+            let (after_tick, entry) = (state.ticks(), snapshot_entry(&state));
+            self.tell_recorder(Message::Snapshot { after_tick, entry });
+        }
+        Ok(())
     }
 
     /// What the device is.
@@ -109,7 +155,7 @@ impl DeviceHost {
     pub fn change_mode(&self, command: ModeCommand) -> Result<Mode, HostError> {
         match self.execute(ControlCommand::Mode(command), None)? {
             ControlReply::Mode(answer) => Ok(answer?),
-            ControlReply::Retired(_) => Err(HostError::Unresponsive),
+            ControlReply::Retired(_) | ControlReply::Snapshot(_) => Err(HostError::Unresponsive),
         }
     }
 
@@ -132,8 +178,9 @@ impl DeviceHost {
             let _ = file.save(scene);
             return Err(error.into());
         }
-        let swap = |scene| ControlCommand::SwapPlan(Box::new(build_plan(&self.definition, scene)));
-        if let Err(error) = self.execute(swap(&next), Some(swap(&kept.scene))) {
+        let swap = |scene| ControlCommand::SwapPlan(self.next_plan(scene));
+        let (edit, undo) = (swap(&next), swap(&kept.scene));
+        if let Err(error) = self.execute(edit, Some(undo)) {
             let KeptScene { scene, file } = &mut *kept;
             file.save(scene)?;
             return Err(error);
@@ -155,8 +202,9 @@ impl DeviceHost {
         let (last, ends) = &mut *supervisor;
         // Replies that nobody waited for keep the loop from taking more commands.
         while ends.replies.pop().is_ok() {}
-        // An edit needs room for its undoing, and leaves some for a Stop.
-        let needed = if undo.is_some() { 3 } else { 1 };
+        // An edit needs room for its undoing, and leaves some for a Stop, as does a snapshot.
+        let waits = undo.is_some() || matches!(command, ControlCommand::Snapshot(_));
+        let needed = if waits { 3 } else { 1 };
         if ends.commands.slots() < needed {
             return Err(HostError::Busy);
         }

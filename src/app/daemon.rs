@@ -3,7 +3,7 @@
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::thread::JoinHandle;
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
@@ -13,6 +13,7 @@ use rustix::event::{EventfdFlags, eventfd};
 use super::reachable;
 use super::services::Services;
 use super::sockets::Sockets;
+use crate::archive::{Archive, Keeper};
 use crate::client::ConnectString;
 use crate::clock::now_ns;
 use crate::config::{
@@ -24,6 +25,7 @@ use crate::device::{HandProgram, Pointer, PointerInput, SimulatedDevice};
 use crate::host::DeviceHost;
 use crate::link::bridge;
 use crate::net::{self, Identity, StreamHandle, StreamParts};
+use crate::recording::Recorder;
 use crate::rt::{self, Cycle, Realtime, Right, RtConfig, RtHandle};
 use crate::session::SessionConfig;
 use crate::telemetry::{
@@ -35,6 +37,9 @@ const SEED: u64 = 1;
 
 /// SCHED_FIFO priority of the stream thread, or just below the loop's where that is lower.
 const STREAM_PRIORITY: u8 = 40;
+
+/// Setpoints that may wait for the recorder, which looks every few milliseconds.
+const RECORDED_SETPOINTS: usize = 256;
 
 /// How a daemon is started, beside its configuration.
 #[derive(Clone, Copy, Debug, Default)]
@@ -50,6 +55,7 @@ pub struct Daemon {
     services: Services,
     rt: RtHandle,
     feed: Feed,
+    keeper: Keeper,
     round_trips: RoundTrips,
     host: Arc<DeviceHost>,
     connect: ConnectString,
@@ -65,7 +71,7 @@ impl Daemon {
     /// Starts everything.
     pub fn start(config: &ServerConfig, start: Start) -> anyhow::Result<Self> {
         let ready = Ready::new(config, start)?;
-        let Ready { definition, state_dir, scene, scene_file, device, .. } = ready;
+        let Ready { definition, state_dir, scene, scene_file, device, archive, .. } = ready;
         let sha256 = ready.identity.sha256();
         let grpc_address = ready.sockets.grpc.local_addr()?;
         let http_address = ready.sockets.http.local_addr()?;
@@ -77,11 +83,17 @@ impl Daemon {
         let (rt_end, stream_end, records, supervisor) = bridge(&Setpoint::NONE);
         let doorbell = eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC)?;
         let round_trips = RoundTrips::default();
+        let (setpoints, recorded_setpoints) = rtrb::RingBuffer::new(RECORDED_SETPOINTS);
+        let (to_recorder, inbox) = mpsc::channel();
+        let (to_keeper, frozen) = mpsc::channel();
+        let keep_ns = (config.black_box_s * 1e9) as u64;
+        let recorder = Recorder::new(recorded_setpoints, inbox, to_keeper, keep_ns);
         let stream = net::spawn_stream(StreamParts {
             socket: ready.sockets.stream,
             identity: ready.identity,
             sessions: session_config(config, &definition, grpc_address.port()),
             link: stream_end,
+            setpoints,
             pointer: ready.pointer,
             doorbell: doorbell.try_clone()?,
             metrics: telemetry.stream(),
@@ -92,7 +104,7 @@ impl Daemon {
         let plan = Box::new(build_plan(&definition, &scene));
         // A simulated device harms nobody and is enabled at once.
         let cycle = Cycle::new(device, ControlState::new(Mode::Enabled), plan, rt_end);
-        let feed = Feed::start(records, metrics, definition.tick_ns)?;
+        let feed = Feed::start(records, metrics, recorder, definition.tick_ns)?;
         let rt = rt::spawn(cycle, rt_config(config), doorbell)?;
         tell_rights(&rt, &rights);
         let connect = ConnectString {
@@ -103,13 +115,17 @@ impl Daemon {
             token: None,
         };
         let latest = feed.latest.clone();
-        let host = Arc::new(DeviceHost::new(definition, supervisor, scene, scene_file, latest));
-        services.serve(telemetry.scrape(), &host);
+        let host = DeviceHost::new(definition, supervisor, scene, scene_file, latest, to_recorder);
+        let host = Arc::new(host);
+        let (keeps, under_way) = (keep_ns > 0, archive.under_way());
+        let keeper = Keeper::start(Arc::clone(&host), frozen, state_dir.path(), keeps, under_way)?;
+        services.serve(telemetry.scrape(), &host, &archive);
         Ok(Self {
             stream,
             services,
             rt,
             feed,
+            keeper,
             round_trips,
             host,
             connect,
@@ -163,6 +179,7 @@ impl Daemon {
         self.services.stop();
         self.rt.stop();
         self.feed.stop();
+        self.keeper.join();
     }
 }
 
@@ -183,6 +200,7 @@ struct Ready {
     device: SimulatedDevice,
     pointer: Option<PointerInput>,
     sockets: Sockets,
+    archive: Arc<Archive>,
 }
 
 impl Ready {
@@ -200,7 +218,18 @@ impl Ready {
             input
         });
         let sockets = Sockets::bind(config, start.or_free_ports)?;
-        Ok(Self { definition, state_dir, scene, scene_file, identity, device, pointer, sockets })
+        let archive = Arc::new(Archive::open(state_dir.path())?);
+        Ok(Self {
+            definition,
+            state_dir,
+            scene,
+            scene_file,
+            identity,
+            device,
+            pointer,
+            sockets,
+            archive,
+        })
     }
 }
 
@@ -217,14 +246,21 @@ impl Feed {
     fn start(
         records: rtrb::Consumer<crate::control::Record>,
         metrics: DeviceMetrics,
+        recorder: Recorder,
         tick_ns: u64,
     ) -> anyhow::Result<Self> {
         let latest = LatestReport::default();
         let summary = Arc::new(Mutex::new(RunSummary::new(tick_ns)));
         let stop = Arc::new(AtomicBool::new(false));
         let observed = Some(Arc::clone(&summary));
-        let thread =
-            telemetry::spawn(records, metrics, latest.clone(), observed, Arc::clone(&stop))?;
+        let thread = telemetry::spawn(
+            records,
+            metrics,
+            latest.clone(),
+            observed,
+            Some(recorder),
+            Arc::clone(&stop),
+        )?;
         Ok(Self { latest, summary, stop, thread: Some(thread) })
     }
 

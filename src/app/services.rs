@@ -10,6 +10,7 @@ use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
 use super::Signals;
+use crate::archive::Archive;
 use crate::host::DeviceHost;
 use crate::net::{self, Door};
 use crate::telemetry::Scrape;
@@ -53,12 +54,12 @@ impl Services {
     }
 
     /// Begins to serve.
-    pub fn serve(&mut self, scrape: Scrape, host: &Arc<DeviceHost>) {
+    pub fn serve(&mut self, scrape: Scrape, host: &Arc<DeviceHost>, archive: &Arc<Archive>) {
         let (Some(runtime), Some((grpc, http))) = (&self.runtime, self.doors.take()) else {
             return;
         };
         let stopped = self.shutdown.subscribe();
-        let serving = net::serve_grpc(grpc, Arc::clone(host), stopped.clone());
+        let serving = net::serve_grpc(grpc, Arc::clone(host), Arc::clone(archive), stopped.clone());
         self.serving.push(runtime.spawn(async move {
             if let Err(error) = serving.await {
                 tracing::error!(%error, "the services stopped");

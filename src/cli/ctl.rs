@@ -85,14 +85,7 @@ impl Ctl {
     }
 
     async fn act(self) -> anyhow::Result<()> {
-        let target = &self.connect;
-        let elsewhere =
-            target.stream_port != DEFAULT_STREAM_PORT && target.grpc_port == DEFAULT_GRPC_PORT;
-        ensure!(
-            !elsewhere || target.sha256.is_some(),
-            "{target} does not say where the services are: use the whole connect string that `serve` prints (with grpc=PORT)"
-        );
-        let mut services = self.services().await?;
+        let mut services = connect(&self.connect, self.insecure).await?;
         let name = device_name(&mut services, self.device.as_deref()).await?;
         let devices = &mut services.devices;
         let mode = match self.action {
@@ -121,22 +114,26 @@ impl Ctl {
         print_mode(&mode.map_err(plain)?.into_inner(), self.json);
         Ok(())
     }
+}
 
-    async fn services(&self) -> anyhow::Result<Services> {
-        let connected = if self.insecure {
-            services_in_plaintext(&self.connect).await
-        } else {
-            services(&self.connect).await
-        };
-        match connected {
-            Err(error @ ServicesError::Plaintext { .. }) => {
-                bail!("{error}; --insecure talks to it all the same")
-            }
-            connected => connected.with_context(|| {
-                let authority = self.connect.grpc_authority();
-                format!("cannot reach the services at {authority}; is `hapticd serve` running? On another gRPC port, use the whole connect string")
-            }),
+/// The services that a connect string leads to.
+pub async fn connect(target: &ConnectString, insecure: bool) -> anyhow::Result<Services> {
+    let elsewhere =
+        target.stream_port != DEFAULT_STREAM_PORT && target.grpc_port == DEFAULT_GRPC_PORT;
+    ensure!(
+        !elsewhere || target.sha256.is_some(),
+        "{target} does not say where the services are: use the whole connect string that `serve` prints (with grpc=PORT)"
+    );
+    let connected =
+        if insecure { services_in_plaintext(target).await } else { services(target).await };
+    match connected {
+        Err(error @ ServicesError::Plaintext { .. }) => {
+            bail!("{error}; --insecure talks to it all the same")
         }
+        connected => connected.with_context(|| {
+            let authority = target.grpc_authority();
+            format!("cannot reach the services at {authority}; is `hapticd serve` running? On another gRPC port, use the whole connect string")
+        }),
     }
 }
 
@@ -145,7 +142,7 @@ pub fn plain(status: tonic::Status) -> anyhow::Error {
     anyhow::anyhow!(told(&status))
 }
 
-async fn device_name(services: &mut Services, wanted: Option<&str>) -> anyhow::Result<String> {
+pub async fn device_name(services: &mut Services, wanted: Option<&str>) -> anyhow::Result<String> {
     if let Some(name) = wanted {
         return Ok(format!("devices/{}", name.trim_start_matches("devices/")));
     }

@@ -13,6 +13,8 @@ mod doctor;
 mod format;
 mod hand;
 mod ping;
+mod record;
+mod replay;
 mod scene;
 mod serve;
 mod view;
@@ -38,6 +40,8 @@ enum Command {
     Scene(scene::Scene),
     Ctl(ctl::Ctl),
     Ping(ping::Ping),
+    Record(record::Record),
+    Replay(replay::Replay),
     Doctor(doctor::Doctor),
     Config(config::Config),
 }
@@ -50,6 +54,8 @@ pub fn run() -> ExitCode {
         Command::Scene(command) => command.run(),
         Command::Ctl(command) => command.run(),
         Command::Ping(command) => command.run(),
+        Command::Record(command) => command.run(),
+        Command::Replay(command) => command.run(),
         Command::Doctor(command) => command.run(),
         Command::Config(command) => command.run(),
     };

@@ -11,6 +11,7 @@ use tonic::{Code, Status};
 
 use super::ConnectString;
 use crate::proto::device_service_client::DeviceServiceClient;
+use crate::proto::recording_service_client::RecordingServiceClient;
 use crate::proto::scene_service_client::SceneServiceClient;
 
 /// Time for a connection.
@@ -29,6 +30,8 @@ pub struct Services {
     pub devices: DeviceServiceClient<Channel>,
     /// Resident scenes.
     pub scenes: SceneServiceClient<Channel>,
+    /// Recordings.
+    pub recordings: RecordingServiceClient<Channel>,
 }
 
 /// Why there are no services.
@@ -69,7 +72,8 @@ pub async fn services_in_plaintext(target: &ConnectString) -> Result<Services, S
     let channel = connected.await.map_err(|source| ServicesError::Connect { authority, source })?;
     Ok(Services {
         devices: DeviceServiceClient::new(channel.clone()),
-        scenes: SceneServiceClient::new(channel),
+        scenes: SceneServiceClient::new(channel.clone()),
+        recordings: RecordingServiceClient::new(channel),
     })
 }
 

@@ -7,7 +7,8 @@ use std::sync::Arc;
 use super::{DeviceDefinition, Scene};
 use crate::control::Plan;
 
-/// The plan of a device with its scene.
+/// The plan of a device with its scene, as of the first generation; whoever builds another
+/// for the same device counts on.
 pub fn build_plan(device: &DeviceDefinition, scene: &Scene) -> Plan {
     Plan {
         mechanism: Arc::clone(&device.mechanism),
@@ -19,6 +20,7 @@ pub fn build_plan(device: &DeviceDefinition, scene: &Scene) -> Plan {
         guards: device.guards,
         scene: scene.items(),
         scene_revision: scene.revision(),
+        generation: 1,
     }
 }
 

@@ -1,6 +1,6 @@
 //! The control plane: everything that can be asked of a running device, as one closed enum.
 
-use super::{ControlState, Mode, ModeCommand, ModeRefusal, Plan};
+use super::{ControlState, Mode, ModeCommand, ModeRefusal, Obeyed, Plan};
 
 /// Something to be done at a tick's edge.
 #[derive(Debug)]
@@ -9,6 +9,19 @@ pub enum ControlCommand {
     Mode(ModeCommand),
     /// Put this configuration in force.
     SwapPlan(Box<Plan>),
+    /// Copy the state as it is into this one, which is as new.
+    Snapshot(Box<ControlState>),
+}
+
+impl ControlCommand {
+    /// What a record says of it.
+    pub fn obeyed(&self) -> Obeyed {
+        match self {
+            Self::Mode(command) => Obeyed::Mode(*command),
+            Self::SwapPlan(plan) => Obeyed::Plan(plan.generation),
+            Self::Snapshot(_) => Obeyed::Snapshot,
+        }
+    }
 }
 
 /// What came of it.
@@ -18,6 +31,8 @@ pub enum ControlReply {
     Mode(Result<Mode, ModeRefusal>),
     /// The configuration that was in force until now, to be freed by whoever receives it.
     Retired(Box<Plan>),
+    /// The state as it was.
+    Snapshot(Box<ControlState>),
 }
 
 impl ControlState {
@@ -28,6 +43,10 @@ impl ControlState {
             ControlCommand::SwapPlan(next) => {
                 self.forget_slots_not_in(&next);
                 ControlReply::Retired(std::mem::replace(plan, next))
+            }
+            ControlCommand::Snapshot(mut copy) => {
+                copy.copy_from(self, plan);
+                ControlReply::Snapshot(copy)
             }
         }
     }

@@ -11,6 +11,7 @@
 //! `(R R^T)^-1 R e`, and their disagreement `e` is watched as a fault source.
 
 use nalgebra::{Matrix2, Vector2};
+use serde::{Deserialize, Serialize};
 
 use super::{Fault, Plan, Sample};
 use crate::actuation::ShaftMotion;
@@ -55,7 +56,7 @@ impl Estimate {
 }
 
 /// Remembers what the estimate needs of earlier ticks.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Estimator {
     /// Newest first.
     counts: [[i64; MAX_ACTUATORS]; WINDOW],
@@ -97,6 +98,11 @@ impl Estimator {
             motion,
             F_hand_BH_N: sample.F_hand_BH_N,
         })
+    }
+
+    /// False for what no update leaves behind.
+    pub fn is_sound(&self) -> bool {
+        self.filled <= WINDOW
     }
 
     /// Forgets the past: after a fault the device may be somewhere else.

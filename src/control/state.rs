@@ -1,5 +1,7 @@
 //! What a tick remembers for the next one. Bounded, plain, owned by the real-time thread.
 
+use serde::{Deserialize, Serialize};
+
 use super::estimate::Estimator;
 use super::stale::{Authority, Before};
 use super::{ActuatorCommands, ContactResult, Event, Fault, Mode, ModeCommand, ModeRefusal};
@@ -14,7 +16,7 @@ use crate::notation::PlaneVector;
 const TIMES: usize = 256;
 
 /// Run-time state of one device's control.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ControlState {
     pub(super) tick: u64,
     pub(super) mode: Mode,
@@ -26,6 +28,7 @@ pub struct ControlState {
     pub(super) law: LawState,
     pub(super) was_stuck: bool,
     /// Of each point of the tool, by slot.
+    #[serde(with = "super::snapshot::surfaces")]
     pub(super) scene: Box<[[SurfaceState; MAX_OBJECTS]]>,
     pub(super) contacts: ContactStates,
     /// The tool in the last tick, and what it was made from; `None`: surfaces have no past.
@@ -41,12 +44,12 @@ pub struct ControlState {
     /// Ticks in a row without an estimate.
     pub(super) blind_ticks: u32,
     pub(super) events: EventLog,
-    times_ns: [u64; TIMES],
+    #[serde(with = "super::snapshot::times")]
+    pub(super) times_ns: [u64; TIMES],
 }
 
 impl ControlState {
     /// A device that has just been opened, in this mode.
-    #[expect(clippy::disallowed_macros, reason = "allocates once, before the first tick")]
     pub fn new(mode: Mode) -> Self {
         Self {
             tick: 0,
@@ -57,7 +60,7 @@ impl ControlState {
             stuck: StuckDetector::default(),
             law: LawState::default(),
             was_stuck: false,
-            scene: vec![[SurfaceState::default(); MAX_OBJECTS]; MAX_POINTS].into(),
+            scene: Self::new_surfaces(),
             contacts: ContactStates::default(),
             tool: None,
             command: (0, 0),
@@ -70,6 +73,12 @@ impl ControlState {
             events: EventLog::default(),
             times_ns: [0; TIMES],
         }
+    }
+
+    /// Surfaces that nothing has touched yet.
+    #[expect(clippy::disallowed_macros, reason = "allocates once, before the first tick")]
+    pub(super) fn new_surfaces() -> Box<[[SurfaceState; MAX_OBJECTS]]> {
+        vec![[SurfaceState::default(); MAX_OBJECTS]; MAX_POINTS].into()
     }
 
     /// The mode now.
@@ -104,7 +113,7 @@ impl ControlState {
     }
 
     /// A slot that is free may next hold another object, which has no past.
-    pub(super) fn forget_slots_not_in(&mut self, plan: &Plan) {
+    pub fn forget_slots_not_in(&mut self, plan: &Plan) {
         let mut used = [false; MAX_OBJECTS];
         for item in &plan.scene {
             if let Some(used) = used.get_mut(usize::from(item.slot)) {
@@ -144,7 +153,7 @@ impl ControlState {
 }
 
 /// Surface states of the controller's contacts, by contact id.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ContactStates {
     epoch: u64,
     ids: [Option<u32>; MAX_CONTACTS],
@@ -195,11 +204,11 @@ impl ContactStates {
 }
 
 /// Events of the tick under way.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct EventLog {
-    last: u64,
+    pub(super) last: u64,
     events: [Option<Event>; super::MAX_EVENTS],
-    count: usize,
+    pub(super) count: usize,
 }
 
 impl EventLog {

@@ -58,6 +58,8 @@ pub struct StreamParts {
     pub sessions: SessionConfig,
     /// The bridge to the real-time thread.
     pub link: StreamEnd<Setpoint, Report>,
+    /// Every setpoint on its way to the recorder.
+    pub setpoints: rtrb::Producer<Setpoint>,
     /// The hand of a simulated device, where a person pulls it.
     pub pointer: Option<PointerInput>,
     /// Rung by it after every tick.
@@ -160,6 +162,9 @@ fn pointed(target: &HandTarget) -> PointerTarget {
 struct Hub {
     sessions: Sessions,
     link: StreamEnd<Setpoint, Report>,
+    setpoints: rtrb::Producer<Setpoint>,
+    /// Number of the last setpoint.
+    last_setpoint: u64,
     pointer: Option<PointerInput>,
     peers: HashMap<SessionId, Peer>,
     metrics: StreamMetrics,
@@ -172,6 +177,8 @@ async fn serve(parts: StreamParts, config: ServerConfig, stopped: oneshot::Recei
     let hub = Rc::new(RefCell::new(Hub {
         sessions: Sessions::new(parts.sessions),
         link: parts.link,
+        setpoints: parts.setpoints,
+        last_setpoint: 0,
         pointer: parts.pointer,
         peers: HashMap::new(),
         metrics: parts.metrics,
@@ -384,7 +391,7 @@ impl Hub {
     fn act(&mut self) {
         while let Some(output) = self.sessions.poll_output() {
             match output {
-                Output::Setpoint(setpoint) => self.link.setpoint.write(*setpoint),
+                Output::Setpoint(setpoint) => self.hand_over(*setpoint),
                 Output::Datagram { to, transport, bytes } => {
                     let sent = self.peers.get(&to).is_some_and(|peer| peer.send(bytes));
                     let outcome = if sent { Outcome::Sent } else { Outcome::Dropped };
@@ -411,6 +418,15 @@ impl Hub {
                 }
             }
         }
+    }
+
+    /// Told to the recorder first, so that it knows whatever a tick has used. Where that has no
+    /// room, the recording lacks it and tells so by its number.
+    fn hand_over(&mut self, mut setpoint: Setpoint) {
+        self.last_setpoint += 1;
+        setpoint.number = self.last_setpoint;
+        let _ = self.setpoints.push(setpoint);
+        self.link.setpoint.write(setpoint);
     }
 
     fn say(&mut self, to: SessionId, message: &StreamMessage) {

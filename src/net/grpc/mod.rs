@@ -7,6 +7,7 @@
 mod convert;
 mod devices;
 mod names;
+mod recordings;
 mod scenes;
 
 use std::sync::Arc;
@@ -17,13 +18,16 @@ use tonic::Status;
 use tonic::transport::Server;
 
 use super::Door;
+use crate::archive::Archive;
 use crate::config::SceneError;
 use crate::host::{DeviceHost, HostError};
 use crate::proto::DESCRIPTOR_SET;
 use crate::proto::device_service_server::DeviceServiceServer;
+use crate::proto::recording_service_server::RecordingServiceServer;
 use crate::proto::scene_service_server::SceneServiceServer;
 use crate::units::FieldError;
 use devices::Devices;
+use recordings::Recordings;
 use scenes::Scenes;
 
 /// Pings to a client that says nothing, and the time for their answer: whoever is gone
@@ -38,13 +42,17 @@ const CALLS: u32 = 2048;
 pub async fn serve(
     door: Door,
     host: Arc<DeviceHost>,
+    archive: Arc<Archive>,
     mut stopped: watch::Receiver<bool>,
 ) -> anyhow::Result<()> {
     let devices = DeviceServiceServer::new(Devices::new(Arc::clone(&host), stopped.clone()));
+    let recordings =
+        RecordingServiceServer::new(Recordings::new(Arc::clone(&host), archive, stopped.clone()));
     let scenes = SceneServiceServer::new(Scenes::new(host));
     let (reporter, health) = tonic_health::server::health_reporter();
     reporter.set_serving::<DeviceServiceServer<Devices>>().await;
     reporter.set_serving::<SceneServiceServer<Scenes>>().await;
+    reporter.set_serving::<RecordingServiceServer<Recordings>>().await;
     let reflection = || {
         tonic_reflection::server::Builder::configure()
             .register_encoded_file_descriptor_set(DESCRIPTOR_SET)
@@ -59,6 +67,7 @@ pub async fn serve(
         .max_concurrent_streams(CALLS)
         .add_service(devices)
         .add_service(scenes)
+        .add_service(recordings)
         .add_service(health)
         .add_service(reflection().build_v1()?)
         .add_service(reflection().build_v1alpha()?)
