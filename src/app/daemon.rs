@@ -56,6 +56,8 @@ pub struct Daemon {
     rt: RtHandle,
     feed: Feed,
     keeper: Keeper,
+    // Waits for recordings under way when it goes, so it goes after the recorder.
+    _archive: Arc<Archive>,
     round_trips: RoundTrips,
     host: Arc<DeviceHost>,
     connect: ConnectString,
@@ -126,6 +128,7 @@ impl Daemon {
             rt,
             feed,
             keeper,
+            _archive: archive,
             round_trips,
             host,
             connect,

@@ -175,12 +175,12 @@ fn print_comparison(comparison: &Comparison) {
             "open loop: the hand force was not measured, so the motion is the recorded one and only what the law answers differs"
         ),
     }
-    let heads = comparison.runs.iter().map(|run| format!("{:>22}", run.name)).collect::<String>();
+    let heads = comparison.runs.iter().map(|run| format!("{:>32}", run.name)).collect::<String>();
     say!("{:<30}{heads}", "");
     for (name, unit, read) in ROWS {
         let cell = |value: Option<f64>| match value {
-            Some(value) => format!("{value:>22.3}"),
-            None => format!("{:>22}", "-"),
+            Some(value) => format!("{value:>32.3}"),
+            None => format!("{:>32}", "-"),
         };
         let cells: String = comparison.runs.iter().map(|run| cell(read(&run.measures))).collect();
         say!("{:<30}{cells}", format!("{name} [{unit}]"));

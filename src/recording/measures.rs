@@ -11,8 +11,9 @@ use crate::control::Plan;
 use crate::notation::PlaneVector;
 use crate::proto::{RecordReport, Region};
 
-/// A tool that leaves a surface for fewer ticks than this is still at it.
-const SHORTEST_STRETCH: usize = 3;
+/// A tool that leaves a surface for fewer ticks than this is still at it: under a law that
+/// chatters it jumps.
+const SHORTEST_LEAVE: usize = 50;
 
 /// One tick of a run.
 #[derive(Clone, Copy, Debug)]
@@ -106,8 +107,10 @@ pub fn measure(moments: &[Moment], tick_s: f64) -> Measures {
     let mut steps_N = Vec::new();
     for stretch in stretches(moments) {
         touching += stretch.len();
+        let mut last = None;
         for moment in stretch {
-            let Some(normal) = moment.normal else { continue };
+            last = moment.normal.or(last);
+            let Some(normal) = last else { continue };
             let tangent = Vector2::new(-normal.y, normal.x);
             stuck += usize::from(moment.v_m_per_s.dot(&tangent).abs() < STUCK_M_PER_S);
             along_N.extend(moment.hand_N.map(|hand_N| hand_N.dot(&tangent).abs()));
@@ -138,14 +141,14 @@ fn mean(all: &[f64]) -> Option<f64> {
     (!all.is_empty()).then(|| all.iter().fold(0.0, |sum, one| sum + one) / all.len() as f64)
 }
 
-/// Where something is touched, without the shortest of gaps between.
+/// Where something is touched; each begins with a touch.
 fn stretches(moments: &[Moment]) -> impl Iterator<Item = &[Moment]> {
     let mut rest = moments;
     std::iter::from_fn(move || {
         let begin = rest.iter().position(|moment| moment.normal.is_some())?;
         rest = &rest[begin..];
         let free = |some: &[Moment]| some.iter().all(|moment| moment.normal.is_none());
-        let end = rest.windows(SHORTEST_STRETCH).position(free).unwrap_or(rest.len());
+        let end = rest.windows(SHORTEST_LEAVE).position(free).unwrap_or(rest.len());
         let (stretch, after) = rest.split_at(end);
         rest = after;
         Some(stretch)

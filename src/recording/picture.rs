@@ -30,7 +30,7 @@ const LEFT: f64 = MARGIN + WAY + 90.0;
 const FORCE_HEIGHT: f64 = 130.0;
 const ANGLE_HEIGHT: f64 = 60.0;
 const STRIP_HEIGHT: f64 = 12.0;
-const ROW: f64 = 270.0;
+const ROW: f64 = 290.0;
 const TOP: f64 = 50.0;
 
 /// Cells on a side, where surfaces are looked for.
@@ -38,7 +38,7 @@ const CELLS: usize = 160;
 
 /// Distinct for people who see colours in another way too (Okabe and Ito).
 const COLOURS: [&str; 3] = ["#000000", "#0072b2", "#d55e00"];
-const ASKED: &str = "#999999";
+const ASKED: &str = "#cccccc";
 const HAND: &str = "#009e73";
 
 /// The picture.
@@ -255,9 +255,13 @@ impl Scale {
 fn draw_run(svg: &mut String, run: &Run, top: f64, scale: &Scale, colour: &str) {
     let forces = top + 22.0;
     text(svg, (LEFT, top + 14.0), "start", &run.name, 15);
-    let legend = [("asked", ASKED), ("chosen by the law", colour), ("hand, measured", HAND)];
+    let legend = [
+        ("asked (at the top: more)", ASKED),
+        ("chosen by the law", colour),
+        ("hand, measured", HAND),
+    ];
     for (i, (name, colour)) in legend.into_iter().enumerate() {
-        let x = WIDTH - MARGIN - 420.0 + 145.0 * i as f64;
+        let x = WIDTH - MARGIN - 500.0 + 185.0 * i as f64;
         line(svg, &[(x, top + 10.0), (x + 18.0, top + 10.0)], colour, 3.0, "");
         text(svg, (x + 23.0, top + 14.0), "start", name, 12);
     }

@@ -177,8 +177,14 @@ impl Recorder {
         self.watch(record);
     }
 
-    /// Hands over what has been gathered.
+    /// Does what was asked meanwhile, also where the loop does not turn, and hands over what has
+    /// been gathered.
     pub fn flush(&mut self) {
+        self.hear();
+        self.hand_over();
+    }
+
+    fn hand_over(&mut self) {
         if self.batch.is_empty() {
             return;
         }
@@ -200,7 +206,7 @@ impl Recorder {
 
     /// The loop has ended: everything is handed over.
     pub fn finish(&mut self) {
-        self.flush();
+        self.hand_over();
         if let Some((fault, tick, _)) = self.closing.take() {
             self.freeze(fault, tick);
         }
@@ -222,7 +228,7 @@ impl Recorder {
                     self.clients.push(Client { sink, until_ns: None });
                 }
                 Message::End { id } => {
-                    self.flush();
+                    self.hand_over();
                     self.clients.retain(|client| client.sink.id != id);
                 }
             }
@@ -255,7 +261,7 @@ impl Recorder {
     }
 
     fn begin_segment(&mut self, record: &Record) {
-        self.flush();
+        self.hand_over();
         self.told_plans.clear();
         self.told_setpoint = 0;
         self.open = self.wanted();
@@ -307,7 +313,7 @@ impl Recorder {
     fn end_clients(&mut self, now_ns: u64) {
         let over = |client: &Client| client.until_ns.is_some_and(|until_ns| until_ns <= now_ns);
         if self.clients.iter().any(over) {
-            self.flush();
+            self.hand_over();
             self.clients.retain(|client| !over(client));
         }
     }
@@ -323,7 +329,7 @@ impl Recorder {
             self.closing.filter(|(_, _, at_ns)| report.time_ns >= *at_ns)
         {
             self.closing = None;
-            self.flush();
+            self.hand_over();
             self.freeze(fault, tick);
         }
     }
