@@ -152,8 +152,11 @@ fn verdict_json(recorded: &Recorded, verdict: &Verdict) -> Value {
     })
 }
 
+/// How a figure is read.
+type Figure = fn(&Measures) -> Option<f64>;
+
 /// Rows of the table: name, unit, and how it is read.
-const ROWS: [(&str, &str, fn(&Measures) -> Option<f64>); 9] = [
+const ROWS: [(&str, &str, Figure); 9] = [
     ("touching", "s", |m| Some(m.touching_s)),
     ("stuck share", "%", |m| Some(100.0 * m.stuck_share)),
     ("penetration", "mm", |m| Some(m.penetration_mm)),

@@ -81,6 +81,7 @@ type Surfaces = Box<[[SurfaceState; MAX_OBJECTS]]>;
 pub(super) mod surfaces {
     use super::*;
 
+    #[expect(clippy::disallowed_methods, reason = "stored after a copy, never in a tick")]
     pub fn serialize<S: Serializer>(all: &Surfaces, to: S) -> Result<S::Ok, S::Error> {
         let new = SurfaceState::default();
         let layers = all.iter().enumerate();

@@ -91,16 +91,17 @@ pub fn header(device: &str, utc_minus_device_ns: i64, cause: &str) -> Vec<u8> {
 
 /// One step through the bytes.
 enum Next {
-    Entry(Entry, Range<usize>),
+    Entry(Box<Entry>, Range<usize>),
     End(End),
 }
 
 impl Recorded {
     /// Reads the bytes of a file.
     pub fn read(bytes: Vec<u8>) -> Result<Self, FileError> {
-        let Next::Entry(Entry::Header(header), first) = next(&bytes, 0) else {
+        let Next::Entry(entry, first) = next(&bytes, 0) else {
             return Err(FileError::NotARecording);
         };
+        let Entry::Header(header) = *entry else { return Err(FileError::NotARecording) };
         if header.magic != MAGIC {
             return Err(FileError::NotARecording);
         }
@@ -131,7 +132,7 @@ impl Recorded {
                 }
             };
             at = place.end;
-            match entry {
+            match *entry {
                 Entry::Header(_) => {}
                 Entry::Plan(plan) => {
                     self.plans.insert(plan.generation, plan);
@@ -193,7 +194,7 @@ fn next(bytes: &[u8], at: usize) -> Next {
         return Next::End(End::CutShort { at_byte: at });
     };
     match RecordEntry::decode(entry) {
-        Ok(RecordEntry { entry: Some(entry) }) => Next::Entry(entry, begin..begin + length),
+        Ok(RecordEntry { entry: Some(entry) }) => Next::Entry(Box::new(entry), begin..begin + length),
         Ok(_) => broken("an entry of no known kind".to_owned()),
         Err(error) => broken(error.to_string()),
     }

@@ -146,7 +146,7 @@ impl World {
         self.late = later;
         let due: Vec<(u64, Message)> = due;
         due.into_iter().for_each(|(_, message)| self.tell.send(message).unwrap());
-        if now % 4 == 0 {
+        if now.is_multiple_of(4) {
             self.recorder.flush();
         }
     }

@@ -114,7 +114,6 @@ impl<D: Device> Cycle<D> {
     }
 
     /// The decision, and the number of the setpoint that it followed.
-
     fn decide(
         &mut self,
         sample: Result<crate::control::Sample, crate::control::DeviceError>,
