@@ -118,8 +118,13 @@ impl DeviceHost {
 
     /// Has the loop copy its state for the recorder: from there on a recording can be replayed.
     pub fn snapshot(&self) -> Result<(), HostError> {
-        if !self.is_alive() {
-            return Err(HostError::Unresponsive);
+        // One that has just begun is waited for here, where nobody else is kept waiting.
+        let deadline = Instant::now() + PATIENCE;
+        while !self.is_alive() {
+            if Instant::now() > deadline {
+                return Err(HostError::Unresponsive);
+            }
+            std::thread::sleep(PAUSE);
         }
         let copy = Box::new(ControlState::new(Mode::Disabled));
         if let ControlReply::Snapshot(state) = self.execute(ControlCommand::Snapshot(copy), None)? {
