@@ -194,7 +194,9 @@ fn next(bytes: &[u8], at: usize) -> Next {
         return Next::End(End::CutShort { at_byte: at });
     };
     match RecordEntry::decode(entry) {
-        Ok(RecordEntry { entry: Some(entry) }) => Next::Entry(Box::new(entry), begin..begin + length),
+        Ok(RecordEntry { entry: Some(entry) }) => {
+            Next::Entry(Box::new(entry), begin..begin + length)
+        }
         Ok(_) => broken("an entry of no known kind".to_owned()),
         Err(error) => broken(error.to_string()),
     }

@@ -194,7 +194,7 @@ fn a_recording_has_its_life_on_the_server() {
         let stop = StopRecordingRequest { name: name.clone() };
         let stopped = client.stop_recording(stop).await.unwrap().into_inner();
         assert!(stopped.complete && stopped.ticks >= 50, "{stopped:?}");
-        assert_eq!(list(services).await, [stopped.clone()]);
+        assert_eq!(list(services).await, std::slice::from_ref(&stopped));
         let mut pieces = client.download_recording(download()).await.unwrap().into_inner();
         let mut bytes = Vec::new();
         while let Some(piece) = pieces.message().await.unwrap() {
