@@ -7,7 +7,7 @@ use std::{env, error::Error, fs, path::PathBuf};
 
 use prost::Message;
 
-const PROTOS: [&str; 9] = [
+const PROTOS: [&str; 10] = [
     "proto/hapticd/v1/common.proto",
     "proto/hapticd/v1/stream.proto",
     "proto/hapticd/v1/settings.proto",
@@ -17,6 +17,7 @@ const PROTOS: [&str; 9] = [
     "proto/hapticd/v1/device.proto",
     "proto/hapticd/v1/scene.proto",
     "proto/hapticd/v1/session.proto",
+    "proto/hapticd/v1/record.proto",
 ];
 
 fn main() -> Result<(), Box<dyn Error>> {

@@ -6,7 +6,7 @@
 //! take it, the disk is put back. Blocking calls, milliseconds; never from the stream thread.
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, mpsc};
 use std::time::{Duration, Instant};
 
 use crate::clock::now_ns;
@@ -14,9 +14,11 @@ use crate::config::{
     DeviceDefinition, Scene, SceneError, SceneFile, Settings, SettingsError, StateError, plan_with,
 };
 use crate::control::{
-    ControlCommand, ControlReply, HomeRefusal, Mode, ModeCommand, ModeRefusal, Report,
+    ControlCommand, ControlReply, ControlState, HomeRefusal, Mode, ModeCommand, ModeRefusal, Plan,
+    Report,
 };
 use crate::link::SupervisorEnd;
+use crate::recording::{Message, plan_entry, snapshot_entry};
 use crate::telemetry::{EventHistory, LatestReport};
 use crate::units::FieldError;
 
@@ -70,6 +72,9 @@ pub struct DeviceHost {
     /// The settings, for readers.
     settings: Mutex<SettingsInForce>,
     latest: LatestReport,
+    recorder: mpsc::Sender<Message>,
+    /// Generation of the last plan made.
+    generation: AtomicU64,
     /// When the last reply of the loop was seen.
     acknowledged_ns: AtomicU64,
 }
@@ -92,13 +97,14 @@ pub struct SettingsInForce {
 }
 
 impl DeviceHost {
-    /// A running device with the scene that it runs with.
+    /// A running device with the scene that it runs with, in a plan of the first generation.
     pub fn new(
         definition: DeviceDefinition,
         supervisor: Supervisor,
         scene: Scene,
         file: SceneFile,
         latest: LatestReport,
+        recorder: mpsc::Sender<Message>,
     ) -> Self {
         let in_force = Mutex::new(Arc::new(scene.clone()));
         let settings = SettingsInForce { settings: Settings::of(&definition), revision: 1 };
@@ -106,7 +112,52 @@ impl DeviceHost {
         let settings = Mutex::new(settings);
         let supervisor = Mutex::new((0, supervisor));
         let acknowledged_ns = AtomicU64::new(0);
-        Self { definition, supervisor, kept, in_force, settings, latest, acknowledged_ns }
+        let generation = AtomicU64::new(0);
+        let host = Self {
+            definition,
+            supervisor,
+            kept,
+            in_force,
+            settings,
+            latest,
+            recorder,
+            generation,
+            acknowledged_ns,
+        };
+        host.next_plan(&host.settings().settings, &host.scene());
+        host
+    }
+
+    /// The next plan for the device, which the recorder is told of before it can be in force.
+    fn next_plan(&self, settings: &Settings, scene: &Scene) -> Box<Plan> {
+        let mut plan = Box::new(plan_with(&self.definition, settings, scene));
+        plan.generation = self.generation.fetch_add(1, Ordering::Relaxed) + 1;
+        let entry = plan_entry(&plan, &self.definition, scene).into();
+        self.tell_recorder(Message::Plan { generation: plan.generation, entry });
+        plan
+    }
+
+    /// Tells the recorder; one that has ended records no more.
+    pub fn tell_recorder(&self, message: Message) {
+        let _ = self.recorder.send(message);
+    }
+
+    /// Has the loop copy its state for the recorder: from there on a recording can be replayed.
+    pub fn snapshot(&self) -> Result<(), HostError> {
+        // One that has just begun is waited for here, where nobody else is kept waiting.
+        let deadline = Instant::now() + PATIENCE;
+        while !self.is_alive() {
+            if Instant::now() > deadline {
+                return Err(HostError::Unresponsive);
+            }
+            std::thread::sleep(PAUSE);
+        }
+        let copy = Box::new(ControlState::new(Mode::Disabled));
+        if let ControlReply::Snapshot(state) = self.execute(ControlCommand::Snapshot(copy), None)? {
+            let (after_tick, entry) = (state.ticks(), snapshot_entry(&state));
+            self.tell_recorder(Message::Snapshot { after_tick, entry });
+        }
+        Ok(())
     }
 
     /// What the device is.
@@ -140,7 +191,7 @@ impl DeviceHost {
     pub fn change_mode(&self, command: ModeCommand) -> Result<Mode, HostError> {
         match self.execute(ControlCommand::Mode(command), None)? {
             ControlReply::Mode(answer) => Ok(answer?),
-            ControlReply::Home(_) | ControlReply::Retired(_) => Err(HostError::Unresponsive),
+            _ => Err(HostError::Unresponsive),
         }
     }
 
@@ -148,7 +199,7 @@ impl DeviceHost {
     pub fn home(&self) -> Result<(), HostError> {
         match self.execute(ControlCommand::Home, None)? {
             ControlReply::Home(answer) => Ok(answer?),
-            ControlReply::Mode(_) | ControlReply::Retired(_) => Err(HostError::Unresponsive),
+            _ => Err(HostError::Unresponsive),
         }
     }
 
@@ -172,7 +223,8 @@ impl DeviceHost {
             return Err(error.into());
         }
         let swap = |scene| self.swap(&kept.settings.settings, scene);
-        if let Err(error) = self.execute(swap(&next), Some(swap(&kept.scene))) {
+        let (edit, undo) = (swap(&next), swap(&kept.scene));
+        if let Err(error) = self.execute(edit, Some(undo)) {
             let Kept { scene, file, .. } = &mut *kept;
             file.save(scene)?;
             return Err(error);
@@ -210,7 +262,7 @@ impl DeviceHost {
     }
 
     fn swap(&self, settings: &Settings, scene: &Scene) -> ControlCommand {
-        ControlCommand::SwapPlan(Box::new(plan_with(&self.definition, settings, scene)))
+        ControlCommand::SwapPlan(self.next_plan(settings, scene))
     }
 
     /// Sends one command and waits for its reply. Where none comes, `undo` follows it, should
@@ -224,8 +276,9 @@ impl DeviceHost {
         let (last, ends) = &mut *supervisor;
         // Replies that nobody waited for keep the loop from taking more commands.
         while ends.replies.pop().is_ok() {}
-        // An edit needs room for its undoing, and leaves some for a Stop.
-        let needed = if undo.is_some() { 3 } else { 1 };
+        // An edit needs room for its undoing, and leaves some for a Stop, as does a snapshot.
+        let waits = undo.is_some() || matches!(command, ControlCommand::Snapshot(_));
+        let needed = if waits { 3 } else { 1 };
         if ends.commands.slots() < needed {
             return Err(HostError::Busy);
         }

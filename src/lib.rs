@@ -22,10 +22,12 @@
 //! | [`config`] | what the user wrote becomes what the loop needs |
 //! | [`explain`] | PURE from the report of a tick to sentences |
 //! | [`analysis`] | PURE offline: experiments in virtual time |
+//! | [`recording`] | what ticks saw and decided as a file, run again and compared |
 //! | `clock` | the device clock, for the rim |
 //! | `rt` | the thread: cycle, clock, rights (Linux) |
 //! | `telemetry` | one table of metrics, histograms, figures of a run |
 //! | `host` | one device as the services see it |
+//! | `archive` | recordings and black boxes on disk |
 //! | `quic` | what both ends of a QUIC connection agree on |
 //! | `net` | the server's sockets |
 //! | `client` | the client library |
@@ -54,6 +56,8 @@ pub mod analysis;
 #[cfg(feature = "net")]
 pub mod app;
 #[cfg(feature = "net")]
+pub mod archive;
+#[cfg(feature = "net")]
 pub mod cli;
 #[cfg(feature = "client")]
 pub mod client;
@@ -74,6 +78,7 @@ pub mod notation;
 pub mod proto;
 #[cfg(feature = "client")]
 pub mod quic;
+pub mod recording;
 #[cfg(target_os = "linux")]
 pub mod rt;
 pub mod session;

@@ -158,6 +158,10 @@ pub const SESSIONS: Range = Range::new(1.0, 1024.0, "sessions");
 /// Time-to-live of a command: shorter than the silence that ends a session, so that it alone
 /// decides when a force goes.
 pub const TIME_TO_LIVE: Range = Range::new(1.0, 1_000.0, "ms");
+/// Length of a recording.
+pub const RECORDING: Range = Range::new(1e-3, 600.0, "s");
+/// What a black box keeps.
+pub const BLACK_BOX: Range = Range::new(0.0, 120.0, "s (0 = no black box)");
 
 #[cfg(test)]
 mod tests {

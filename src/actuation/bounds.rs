@@ -3,11 +3,13 @@
 //! Brakes as Cho 2005, Eq 1, and Karnopp 1985: torque only against the rate. At rest a
 //! brake may act either way, up to what holds against the hand.
 
+use serde::{Deserialize, Serialize};
+
 use super::Allocation;
 use crate::notation::{ActuatorVector, MAX_ACTUATORS, PlaneVector, ReferenceMatrix};
 
 /// What an actuator is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum ActuatorKind {
     /// Passive: only dissipates.
     #[default]
@@ -40,7 +42,7 @@ impl ShaftMotion {
 }
 
 /// Smallest and largest torque of each actuator, N m.
-#[derive(Clone, Copy, Debug, PartialEq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct Bounds {
     /// Never positive for what `given` makes.
     pub lower_Nm: ActuatorVector,

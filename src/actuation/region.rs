@@ -4,6 +4,8 @@
 //! count are the reference forces that the bounds allow now, `+R_i` where a positive torque
 //! is possible and `-R_i` where a negative one is.
 
+use serde::{Deserialize, Serialize};
+
 use super::{Bounds, Capability, nearest_in_box};
 use crate::notation::{ActuatorVector, MAX_ACTUATORS, PlaneVector};
 
@@ -11,7 +13,7 @@ use crate::notation::{ActuatorVector, MAX_ACTUATORS, PlaneVector};
 const SAME_RAD: f64 = 1e-12;
 
 /// How much of a desired direction can be given.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Region {
     /// All of it: it lies between available reference forces.
     Full,

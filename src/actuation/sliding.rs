@@ -31,6 +31,7 @@ mod sides;
 mod tests;
 
 use observer::{Body, Observer, sensed};
+use serde::{Deserialize, Serialize};
 use shares::Shares;
 use sides::{Sides, most_Nm, tangent_of};
 
@@ -134,7 +135,7 @@ impl Gains {
 }
 
 /// What the law remembers from tick to tick.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct LawState {
     observer: Observer,
     bandwidth_per_s: f64,
@@ -142,7 +143,7 @@ pub struct LawState {
 }
 
 /// The wall that is touched.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 struct Touching {
     normal: PlaneVector,
     /// Where its surface is along the normal.

@@ -8,6 +8,8 @@
 use std::fmt;
 use std::str::FromStr;
 
+use serde::{Deserialize, Serialize};
+
 use super::{
     ActuatorKind, Allocation, Capability, Handle, LawState, Region, Shafts, WallDemand, classify,
     nearest_reference, optimal, predicted_velocity,
@@ -24,7 +26,7 @@ const NEARLY_ALL: f64 = 0.9;
 const COINCIDENT: f64 = 1.0 - 1e-6;
 
 /// A rule that turns a desired force into torques.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum Strategy {
     /// The wall law where there is a wall, else the optimum.
     #[default]

@@ -4,6 +4,8 @@
 //! while the hand pushes some other way. Without a force sensor the push is unknown, and
 //! resting under brakes counts.
 
+use serde::{Deserialize, Serialize};
+
 use super::WallDemand;
 use crate::notation::PlaneVector;
 
@@ -21,7 +23,7 @@ const PUSH_N: f64 = 1.0;
 const HELD_S: f64 = 0.010;
 
 /// Watches tick by tick.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct StuckDetector {
     rest_s: f64,
     since_held_s: Option<f64>,

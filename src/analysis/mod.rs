@@ -5,4 +5,5 @@
 //! no thread, no file and no socket, and nothing in a tick may use it.
 
 pub mod manipulability;
+pub mod smoothness;
 pub mod wall_following;

@@ -15,6 +15,7 @@
 //!
 //! The same experiment gives the same figures, bit for bit.
 
+use super::smoothness::{STUCK_M_PER_S, largest_step, root_mean, squared_jerks};
 use crate::actuation::Strategy;
 use crate::config::{ConfigError, DeviceDefinition, Scene, build_plan};
 use crate::control::{ControlState, Mode, Setpoint, TickInput, tick};
@@ -23,13 +24,6 @@ use crate::environment::{Element, Material, SceneItem, Shape, Surface};
 use crate::mechanism::{KinematicsError, Mechanism};
 use crate::notation::{ActuatorVector, PlaneVector};
 use nalgebra::Vector3;
-
-/// Below this a handle does not slide.
-const STUCK_M_PER_S: f64 = 1e-3;
-
-/// Length of each of the two moving means that go before the differences: what is left is
-/// below about 20 Hz. Without them rms jerk is that of single ticks.
-const SMOOTH_TICKS: usize = 20;
 
 /// Most ticks of one run: the hand gives up long before.
 const MAX_TICKS: u64 = 30_000;
@@ -205,7 +199,6 @@ impl Slide {
     fn figures(&self, tick_s: f64) -> Figures {
         let slide_s = self.pull_N.len() as f64 * tick_s;
         let stuck = self.velocity.iter().filter(|v| v.y.abs() < STUCK_M_PER_S).count();
-        let steps = self.force_N.windows(2).map(|pair| (pair[1] - pair[0]).norm());
         Figures {
             slide_s,
             stuck_s: stuck as f64 * tick_s,
@@ -214,24 +207,12 @@ impl Slide {
             hand_mean_N: self.pull_N.iter().fold(0.0, |sum, N| sum + N)
                 / self.pull_N.len().max(1) as f64,
             hand_max_N: self.pull_N.iter().copied().fold(0.0, f64::max),
-            jerk_rms_m_per_s3: jerk_rms(&self.velocity, tick_s),
-            step_max_N: steps.fold(0.0, f64::max),
+            jerk_rms_m_per_s3: root_mean(&squared_jerks(&self.velocity, tick_s)),
+            step_max_N: largest_step(&self.force_N),
             switches_per_s: f64::from(self.switches) / slide_s.max(tick_s),
             end_y_m: self.end_y_m,
         }
     }
-}
-
-fn jerk_rms(velocity: &[PlaneVector], tick_s: f64) -> f64 {
-    let mean = |all: &[PlaneVector]| -> Vec<PlaneVector> {
-        let size = SMOOTH_TICKS as f64;
-        all.windows(SMOOTH_TICKS).map(|some| some.iter().sum::<PlaneVector>() / size).collect()
-    };
-    let smooth = mean(&mean(velocity));
-    let jerks =
-        smooth.windows(3).map(|v| ((v[0] - 2.0 * v[1] + v[2]) / (tick_s * tick_s)).norm_squared());
-    let count = smooth.len().saturating_sub(2).max(1);
-    (jerks.fold(0.0, |sum, square| sum + square) / count as f64).sqrt()
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use anyhow::Context;
@@ -10,6 +11,7 @@ use super::device::{ReadyDevice, RunningDevice};
 use super::reachable;
 use super::services::Services;
 use super::sockets::Sockets;
+use crate::archive::Archive;
 use crate::client::ConnectString;
 use crate::clock::now_ns;
 use crate::config::{
@@ -43,6 +45,8 @@ pub struct Daemon {
     pub http_address: SocketAddr,
     /// Where the services are.
     pub grpc_address: SocketAddr,
+    // Waits for recordings under way when it goes, so it goes after the recorders.
+    _archive: Arc<Archive>,
     // Keeps the state directory locked.
     _state_dir: StateDir,
 }
@@ -50,7 +54,7 @@ pub struct Daemon {
 impl Daemon {
     /// Starts everything.
     pub fn start(config: &ServerConfig, start: Start) -> anyhow::Result<Self> {
-        let Ready { devices, state_dir, identity, sockets } = Ready::new(config, start)?;
+        let Ready { devices, state_dir, identity, archive, sockets } = Ready::new(config, start)?;
         let sha256 = identity.sha256();
         let grpc_address = sockets.grpc.local_addr()?;
         let http_address = sockets.http.local_addr()?;
@@ -60,7 +64,7 @@ impl Daemon {
         let (mut connected, mut streamed) = (Vec::new(), Vec::new());
         for device in devices {
             let sessions = session_config(config, &device, grpc_address.port());
-            let (device, stream) = device.connect(sessions, &telemetry)?;
+            let (device, stream) = device.connect(sessions, &telemetry, config.black_box_s)?;
             connected.push(device);
             streamed.push(stream);
         }
@@ -74,7 +78,7 @@ impl Daemon {
         })?;
         let mut devices = Vec::new();
         for (i, (device, served)) in connected.into_iter().zip(&config.devices).enumerate() {
-            devices.push(device.start(rt_config(config, served, i))?);
+            devices.push(device.start(rt_config(config, served, i), &state_dir, &archive)?);
         }
         let connect = ConnectString {
             host: reachable::address(stream.address.ip()).to_string(),
@@ -84,9 +88,18 @@ impl Daemon {
             token: None,
         };
         let hosts = devices.iter().map(|device| device.host().clone()).collect();
-        services.serve(telemetry.scrape(), &Hosts::new(hosts), sessions);
-        let _state_dir = state_dir;
-        Ok(Self { stream, services, devices, connect, http_address, grpc_address, _state_dir })
+        services.serve(telemetry.scrape(), &Hosts::new(hosts), sessions, Arc::clone(&archive));
+        let (_archive, _state_dir) = (archive, state_dir);
+        Ok(Self {
+            stream,
+            services,
+            devices,
+            connect,
+            http_address,
+            grpc_address,
+            _archive,
+            _state_dir,
+        })
     }
 
     /// How clients reach it.
@@ -127,6 +140,7 @@ struct Ready {
     devices: Vec<ReadyDevice>,
     state_dir: StateDir,
     identity: Identity,
+    archive: Arc<Archive>,
     sockets: Sockets,
 }
 
@@ -141,7 +155,8 @@ impl Ready {
         let devices = devices.collect::<Result<_, _>>()?;
         let identity = Identity::load_or_create(state_dir.path())?;
         let sockets = Sockets::bind(config, start.or_free_ports)?;
-        Ok(Self { devices, state_dir, identity, sockets })
+        let archive = Arc::new(Archive::open(state_dir.path())?);
+        Ok(Self { devices, state_dir, identity, archive, sockets })
     }
 }
 

@@ -2,18 +2,20 @@
 
 use std::os::fd::OwnedFd;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::thread::JoinHandle;
 
 use anyhow::Context;
 use rustix::event::{EventfdFlags, eventfd};
 
+use crate::archive::{Archive, Keeper};
 use crate::config::{DeviceDefinition, Scene, SceneFile, ServedDevice, StateDir, build_plan};
 use crate::control::{ControlState, Mode, Record, Setpoint};
 use crate::device::{HandProgram, Pointer, PointerInput, SimulatedDevice};
 use crate::host::DeviceHost;
 use crate::link::bridge;
 use crate::net::StreamDevice;
+use crate::recording::{BlackBox, Recorder};
 use crate::rt::{self, Cycle, Right, RtConfig, RtHandle};
 use crate::session::SessionConfig;
 use crate::telemetry::{
@@ -22,6 +24,9 @@ use crate::telemetry::{
 
 /// Seed of the simulated hand and noise: a run is as repeatable as its timing.
 const SEED: u64 = 1;
+
+/// Setpoints that may wait for the recorder, which looks every few milliseconds.
+const RECORDED_SETPOINTS: usize = 256;
 
 /// What a device needs before its loop starts: whatever is wrong with it is said by now.
 pub(super) struct ReadyDevice {
@@ -60,6 +65,7 @@ impl ReadyDevice {
         self,
         sessions: SessionConfig,
         telemetry: &Telemetry,
+        black_box_s: f64,
     ) -> anyhow::Result<(ConnectedDevice, StreamDevice)> {
         let Self { definition, scene, scene_file, device, pointer } = self;
         let name = definition.name.as_str();
@@ -67,9 +73,15 @@ impl ReadyDevice {
         let (rt_end, link, records, supervisor) = bridge(&Setpoint::NONE);
         let doorbell = eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC)?;
         let round_trips = RoundTrips::default();
+        let (setpoints, recorded_setpoints) = rtrb::RingBuffer::new(RECORDED_SETPOINTS);
+        let (to_recorder, inbox) = mpsc::channel();
+        let (to_keeper, frozen) = mpsc::channel();
+        let keep_ns = (black_box_s * 1e9) as u64;
+        let recorder = Recorder::new(recorded_setpoints, inbox, to_keeper, keep_ns);
         let stream = StreamDevice {
             sessions,
             link,
+            setpoints,
             pointer,
             doorbell: doorbell.try_clone()?,
             metrics: telemetry.stream(name),
@@ -81,9 +93,20 @@ impl ReadyDevice {
         let cycle = Cycle::new(device, ControlState::new(mode), plan, rt_end);
         let feed = Feed::prepare(definition.tick_ns);
         let latest = feed.latest.clone();
-        let host = Arc::new(DeviceHost::new(definition, supervisor, scene, scene_file, latest));
-        let connected =
-            ConnectedDevice { host, cycle, doorbell, feed, records, metrics, rights, round_trips };
+        let host = DeviceHost::new(definition, supervisor, scene, scene_file, latest, to_recorder);
+        let connected = ConnectedDevice {
+            host: Arc::new(host),
+            cycle,
+            doorbell,
+            feed,
+            records,
+            recorder,
+            frozen,
+            has_black_box: keep_ns > 0,
+            metrics,
+            rights,
+            round_trips,
+        };
         Ok((connected, stream))
     }
 }
@@ -95,18 +118,29 @@ pub(super) struct ConnectedDevice {
     doorbell: OwnedFd,
     feed: Feed,
     records: rtrb::Consumer<Record>,
+    recorder: Recorder,
+    frozen: mpsc::Receiver<BlackBox>,
+    has_black_box: bool,
     metrics: DeviceMetrics,
     rights: DeviceMetrics,
     round_trips: RoundTrips,
 }
 
 impl ConnectedDevice {
-    /// Starts telemetry, then the loop.
-    pub fn start(mut self, config: RtConfig) -> anyhow::Result<RunningDevice> {
-        self.feed.start(self.records, self.metrics)?;
+    /// Starts telemetry, then the loop, then the keeper of its black boxes.
+    pub fn start(
+        mut self,
+        config: RtConfig,
+        state_dir: &StateDir,
+        archive: &Archive,
+    ) -> anyhow::Result<RunningDevice> {
+        self.feed.start(self.records, self.metrics, self.recorder)?;
         let rt = rt::spawn(self.cycle, config, self.doorbell)?;
         tell_rights(&self.host, &rt, &self.rights);
-        Ok(RunningDevice { host: self.host, rt, feed: self.feed, round_trips: self.round_trips })
+        let Self { host, feed, frozen, has_black_box, round_trips, .. } = self;
+        let (path, under_way) = (state_dir.path(), archive.under_way());
+        let keeper = Keeper::start(Arc::clone(&host), frozen, path, has_black_box, under_way)?;
+        Ok(RunningDevice { host, rt, feed, keeper, round_trips })
     }
 }
 
@@ -116,6 +150,7 @@ pub struct RunningDevice {
     host: Arc<DeviceHost>,
     rt: RtHandle,
     feed: Feed,
+    keeper: Keeper,
     round_trips: RoundTrips,
 }
 
@@ -144,6 +179,7 @@ impl RunningDevice {
     pub(super) fn stop(&mut self) {
         self.rt.stop();
         self.feed.stop();
+        self.keeper.join();
     }
 }
 
@@ -170,10 +206,13 @@ impl Feed {
         &mut self,
         records: rtrb::Consumer<Record>,
         metrics: DeviceMetrics,
+        recorder: Recorder,
     ) -> anyhow::Result<()> {
         let (latest, summary) = (self.latest.clone(), Arc::clone(&self.summary));
         let stop = Arc::clone(&self.stop);
-        self.thread = Some(telemetry::spawn(records, metrics, latest, Some(summary), stop)?);
+        let thread =
+            telemetry::spawn(records, metrics, latest, Some(summary), Some(recorder), stop)?;
+        self.thread = Some(thread);
         Ok(())
     }
 

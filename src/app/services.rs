@@ -1,6 +1,7 @@
 //! The service runtime: gRPC, HTTP, upkeep of the metrics, and the ear for signals.
 
 use std::future::Future;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
@@ -9,6 +10,7 @@ use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
 use super::Signals;
+use crate::archive::Archive;
 use crate::host::Hosts;
 use crate::net::{self, Door, SessionDesk};
 use crate::telemetry::Scrape;
@@ -52,13 +54,20 @@ impl Services {
     }
 
     /// Begins to serve.
-    pub fn serve(&mut self, scrape: Scrape, hosts: &Hosts, sessions: SessionDesk) {
+    pub fn serve(
+        &mut self,
+        scrape: Scrape,
+        hosts: &Hosts,
+        sessions: SessionDesk,
+        archive: Arc<Archive>,
+    ) {
         let (Some(runtime), Some((grpc, http))) = (&self.runtime, self.doors.take()) else {
             return;
         };
         let stopped = self.shutdown.subscribe();
         let http_port = http.port();
-        let serving = net::serve_grpc(grpc, http_port, hosts.clone(), sessions, stopped.clone());
+        let (hosts, ending) = (hosts.clone(), stopped.clone());
+        let serving = net::serve_grpc(grpc, http_port, hosts.clone(), sessions, archive, ending);
         self.serving.push(runtime.spawn(async move {
             if let Err(error) = serving.await {
                 tracing::error!(%error, "the services stopped");

@@ -19,6 +19,8 @@ mod object;
 mod object_fields;
 mod object_print;
 mod ping;
+mod record;
+mod replay;
 mod scene;
 mod scene_file;
 mod serve;
@@ -50,6 +52,8 @@ enum Command {
     Ctl(ctl::Ctl),
     Explain(explain::Explain),
     Ping(ping::Ping),
+    Record(record::Record),
+    Replay(replay::Replay),
     Top(top::Top),
     Doctor(doctor::Doctor),
     Config(config::Config),
@@ -64,6 +68,8 @@ pub fn run() -> ExitCode {
         Command::Ctl(command) => command.run(),
         Command::Explain(command) => command.run(),
         Command::Ping(command) => command.run(),
+        Command::Record(command) => command.run(),
+        Command::Replay(command) => command.run(),
         Command::Top(command) => command.run(),
         Command::Doctor(command) => command.run(),
         Command::Config(command) => command.run(),

@@ -11,6 +11,7 @@ use tonic::{Code, Status};
 
 use super::ConnectString;
 use crate::proto::device_service_client::DeviceServiceClient;
+use crate::proto::recording_service_client::RecordingServiceClient;
 use crate::proto::scene_service_client::SceneServiceClient;
 use crate::proto::session_service_client::SessionServiceClient;
 
@@ -35,6 +36,8 @@ pub struct Services {
     pub scenes: SceneServiceClient<Channel>,
     /// Who is connected, and who commands.
     pub sessions: SessionServiceClient<Channel>,
+    /// Recordings.
+    pub recordings: RecordingServiceClient<Channel>,
 }
 
 /// Why there are no services.
@@ -76,7 +79,8 @@ pub async fn services_in_plaintext(target: &ConnectString) -> Result<Services, S
     Ok(Services {
         devices: DeviceServiceClient::new(channel.clone()),
         scenes: SceneServiceClient::new(channel.clone()),
-        sessions: SessionServiceClient::new(channel),
+        sessions: SessionServiceClient::new(channel.clone()),
+        recordings: RecordingServiceClient::new(channel),
     })
 }
 

@@ -30,6 +30,8 @@ pub const BUILT_IN: [(&str, &str); 4] = [
 pub struct DeviceDefinition {
     /// NAME of `devices/NAME`.
     pub name: Id,
+    /// Its file, word by word.
+    pub text: Arc<str>,
     /// For people.
     pub description: String,
     /// The linkage with its inertia.
@@ -84,10 +86,10 @@ impl DeviceDefinition {
     /// The device in the text of a file; `file` is for messages only.
     pub fn from_toml(name: &str, text: &str, file: &str) -> Result<Self, ConfigError> {
         let layout: DeviceLayout = error::parse(text, file)?;
-        Self::build(name, &layout).map_err(ConfigError::field(file))
+        Self::build(name, text, &layout).map_err(ConfigError::field(file))
     }
 
-    fn build(name: &str, layout: &DeviceLayout) -> Result<Self, FieldError> {
+    fn build(name: &str, text: &str, layout: &DeviceLayout) -> Result<Self, FieldError> {
         let name = Id::parse("file name without .toml", name)?;
         let (mechanism, parameters) = layout.mechanism.build(&layout.inertia, &layout.actuators)?;
         let CheckedActuators { names, actuators, residual_Nm } =
@@ -104,6 +106,7 @@ impl DeviceDefinition {
             .map(|posture| posture.shaft_rad);
         Ok(Self {
             name,
+            text: text.into(),
             description: layout.description.clone().unwrap_or_default(),
             start_m: check_start(mechanism.as_ref(), layout.simulation.start_m)?,
             home_m,

@@ -12,7 +12,8 @@ pub fn build_plan(device: &DeviceDefinition, scene: &Scene) -> Plan {
     plan_with(device, &Settings::of(device), scene)
 }
 
-/// The plan of a device with these settings and this scene.
+/// The plan of a device with these settings and this scene, as of the first generation;
+/// whoever builds another for the same device counts on.
 pub fn plan_with(device: &DeviceDefinition, settings: &Settings, scene: &Scene) -> Plan {
     Plan {
         mechanism: Arc::clone(&device.mechanism),
@@ -25,6 +26,7 @@ pub fn plan_with(device: &DeviceDefinition, settings: &Settings, scene: &Scene) 
         guards: settings.guards,
         scene: scene.items(),
         scene_revision: scene.revision(),
+        generation: 1,
     }
 }
 

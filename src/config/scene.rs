@@ -9,6 +9,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::num::NonZeroU64;
 
+use super::scene_layout::write_scene;
 use super::{Id, SceneObject};
 use crate::environment::{MAX_OBJECTS, SceneItem};
 use crate::units::FieldError;
@@ -103,6 +104,11 @@ impl Scene {
             scene.objects.insert(id, Placed { slot, object });
         }
         Ok(scene)
+    }
+
+    /// The text of its file; `None` for a revision beyond what a file can hold.
+    pub fn to_toml(&self) -> Option<String> {
+        write_scene(self).ok()
     }
 
     /// Grows by one with every edit.

@@ -40,6 +40,8 @@ pub struct ServerConfig {
     pub rt_priority: u8,
     /// Where state is kept; `None`: see [`default_state_dir`].
     pub state_dir: Option<PathBuf>,
+    /// Seconds that a fault's black box keeps of what came before it; 0: there is none.
+    pub black_box_s: f64,
     /// What is logged, and how.
     pub log: LogConfig,
     /// Bounds on sessions and their commands.
@@ -150,6 +152,7 @@ impl Default for ServerConfig {
             realtime: RealtimePolicy::default(),
             rt_priority: 80,
             state_dir: None,
+            black_box_s: 10.0,
             log: LogConfig::default(),
             session: SessionLimits {
                 max_sessions: 64,

@@ -22,6 +22,7 @@ pub(super) struct ServerLayout {
     rt_priority: Option<i64>,
     rt_cpu: Option<i64>,
     state_dir: Option<PathBuf>,
+    black_box_s: Option<f64>,
     server: AddressLayout,
     log: LogConfig,
     session: SessionLayout,
@@ -84,6 +85,8 @@ impl ServerLayout {
                 usual.rt_priority,
             )?,
             state_dir: self.state_dir,
+            black_box_s: units::BLACK_BOX
+                .check("black_box_s", self.black_box_s.unwrap_or(usual.black_box_s))?,
             log: self.log,
             session: session.check(&usual.session)?,
         })

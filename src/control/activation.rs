@@ -4,10 +4,12 @@
 //! begins with the first tick that renders, and anew with every Enable. A device that is opened
 //! enabled (nobody holds it yet) has no ramp. Letting go is never delayed.
 
+use serde::{Deserialize, Serialize};
+
 use super::Mode;
 
 /// How much of the force is given.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub enum Activation {
     /// All of it.
     #[default]

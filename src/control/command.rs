@@ -1,6 +1,6 @@
 //! The control plane: everything that can be asked of a running device, as one closed enum.
 
-use super::{ControlState, HomeRefusal, Mode, ModeCommand, ModeRefusal, Plan};
+use super::{ControlState, HomeRefusal, Mode, ModeCommand, ModeRefusal, Obeyed, Plan};
 
 /// Something to be done at a tick's edge.
 #[derive(Debug)]
@@ -11,6 +11,20 @@ pub enum ControlCommand {
     Home,
     /// Put this configuration in force.
     SwapPlan(Box<Plan>),
+    /// Copy the state as it is into this one, which is as new.
+    Snapshot(Box<ControlState>),
+}
+
+impl ControlCommand {
+    /// What a record says of it.
+    pub fn obeyed(&self) -> Obeyed {
+        match self {
+            Self::Mode(command) => Obeyed::Mode(*command),
+            Self::Home => Obeyed::Home,
+            Self::SwapPlan(plan) => Obeyed::Plan(plan.generation),
+            Self::Snapshot(_) => Obeyed::Snapshot,
+        }
+    }
 }
 
 /// What came of it.
@@ -22,6 +36,8 @@ pub enum ControlReply {
     Home(Result<(), HomeRefusal>),
     /// The configuration that was in force until now, to be freed by whoever receives it.
     Retired(Box<Plan>),
+    /// The state as it was.
+    Snapshot(Box<ControlState>),
 }
 
 impl ControlState {
@@ -34,11 +50,19 @@ impl ControlState {
                 self.forget_slots_not_in(&next);
                 ControlReply::Retired(std::mem::replace(plan, next))
             }
+            ControlCommand::Snapshot(mut copy) => {
+                copy.copy_from(self, plan);
+                ControlReply::Snapshot(copy)
+            }
         }
     }
 
     /// A change of mode; a device whose place is not known is not enabled.
-    fn switch(&mut self, command: ModeCommand, plan: &Plan) -> Result<Mode, ModeRefusal> {
+    pub(crate) fn switch(
+        &mut self,
+        command: ModeCommand,
+        plan: &Plan,
+    ) -> Result<Mode, ModeRefusal> {
         let mode = self.mode();
         if mode.after(command)? == Mode::Enabled && !self.estimator.is_homed(plan) {
             let hint = "put the handle at its home place and home the device first";

@@ -11,6 +11,7 @@
 //! `(R R^T)^-1 R e`, and their disagreement `e` is watched as a fault source.
 
 use nalgebra::{Matrix2, Vector2};
+use serde::{Deserialize, Serialize};
 
 use super::homing::Homing;
 use super::{Fault, Plan, Sample};
@@ -56,7 +57,7 @@ impl Estimate {
 }
 
 /// Remembers what the estimate needs of earlier ticks.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Estimator {
     /// Newest first.
     counts: [[i64; MAX_ACTUATORS]; WINDOW],
@@ -109,6 +110,11 @@ impl Estimator {
     /// True when counts tell where the handle is.
     pub fn is_homed(&self, plan: &Plan) -> bool {
         self.homing.is_done(plan)
+    }
+
+    /// False for what no update leaves behind.
+    pub fn is_sound(&self) -> bool {
+        self.filled <= WINDOW
     }
 
     /// Forgets the past: after a fault the device may be somewhere else.

@@ -8,6 +8,8 @@
 //! Absolute encoders count from shaft angle zero and need nothing of this. Until a device with
 //! incremental ones is homed its place is unknown: it has no estimate and cannot be enabled.
 
+use serde::{Deserialize, Serialize};
+
 use super::{ControlState, Mode, Plan};
 use crate::notation::MAX_ACTUATORS;
 
@@ -29,7 +31,7 @@ pub enum HomeRefusal {
 }
 
 /// What the estimator knows of its encoders.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Homing {
     /// Counts of the last tick; `None`: it had no sample.
     newest: Option<[i64; MAX_ACTUATORS]>,
@@ -66,7 +68,7 @@ impl Homing {
 
 impl ControlState {
     /// The handle is at its home place now. At a tick's edge.
-    pub(super) fn home(&mut self, plan: &Plan) -> Result<(), HomeRefusal> {
+    pub(crate) fn home(&mut self, plan: &Plan) -> Result<(), HomeRefusal> {
         if plan.home_rad.is_none() {
             return Err(HomeRefusal::Absolute);
         }

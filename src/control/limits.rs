@@ -2,6 +2,8 @@
 //!
 //! A limit is a passing fact in every report. A fault latches; see [`super::Fault`].
 
+use serde::{Deserialize, Serialize};
+
 /// One reason.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
@@ -53,7 +55,7 @@ impl Limit {
 }
 
 /// A set of limits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Limits(u32);
 
 impl Limits {

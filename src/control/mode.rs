@@ -21,8 +21,10 @@
 //! | Stopped | hold the configured stop capacity | zero |
 //! | Fault | released | zero |
 
+use serde::{Deserialize, Serialize};
+
 /// What the device does with forces now.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum Mode {
     /// Everything released.
     #[default]
@@ -81,7 +83,7 @@ fn refusal(mode: Mode, command: ModeCommand, hint: &'static str) -> ModeRefusal 
 }
 
 /// Why the device latched itself. One way out: [`ModeCommand::ClearFault`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Fault {
     /// The device did not answer for several ticks.
     Device,

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::{UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
 
 use crate::actuation::{ActuatorKind, Strategy};
 use crate::environment::{MAX_POINTS, SceneItem};
@@ -10,7 +11,7 @@ use crate::mechanism::Mechanism;
 use crate::notation::{ActuatorVector, MAX_ACTUATORS, PlaneVector};
 
 /// Pose of the device's plane in W.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Mount {
     /// Origin of B in W.
     pub p_WB_m: Vector3<f64>,
@@ -25,7 +26,7 @@ impl Default for Mount {
 }
 
 /// What is fixed to the handle.
-#[derive(Clone, Copy, Debug, PartialEq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct Tool {
     /// From H to T, along the axes of B, metres; on a device with three freedoms as the
     /// handle is at phi = 0, and turned with it.
@@ -46,7 +47,7 @@ impl Tool {
 }
 
 /// What a tick has to know of the actuators and their encoders.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Actuators {
     /// Brake or motor.
     pub kinds: [ActuatorKind; MAX_ACTUATORS],
@@ -59,7 +60,7 @@ pub struct Actuators {
 }
 
 /// Bounds on what is asked and how it may change.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Guards {
     /// A larger request is clipped to this, or to what the device can give where that is less.
     pub force_limit_N: f64,
@@ -121,6 +122,8 @@ pub struct Plan {
     pub scene: Box<[SceneItem]>,
     /// Its revision.
     pub scene_revision: u64,
+    /// Tells this plan from every other that its device has had since it was opened.
+    pub generation: u64,
 }
 
 impl Plan {

@@ -4,14 +4,15 @@
 //! ring. A [`Record`] adds how long the tick took; telemetry lives on it.
 
 use nalgebra::{UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
 
-use super::{DeviceError, Fault, Limits, Mode};
+use super::{DeviceError, Fault, Inputs, Limits, Mode};
 use crate::actuation::{Bounds, Region, Strategy};
 use crate::environment::{MAX_TOUCHES, Source};
 use crate::notation::{ActuatorVector, PlaneVector};
 
 /// Force and moment in W, at and about T.
-#[derive(Clone, Copy, Debug, PartialEq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct Wrench {
     /// Newtons.
     pub force_N: Vector3<f64>,
@@ -28,7 +29,7 @@ impl Wrench {
 }
 
 /// Where the rendered wrench comes from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum RenderedSource {
     /// The force sensor.
     Measured,
@@ -40,7 +41,7 @@ pub enum RenderedSource {
 }
 
 /// What one surface did in a tick.
-#[derive(Clone, Copy, Debug, PartialEq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct ContactResult {
     /// Scene or controller.
     pub source: Source,
@@ -57,7 +58,7 @@ pub struct ContactResult {
 }
 
 /// Something that happened, with what it happened to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Event {
     /// A surface was entered.
     ContactBegin { source: Source, id: u32 },
@@ -81,7 +82,7 @@ pub enum Event {
 pub const MAX_EVENTS: usize = 8;
 
 /// Everything that one tick sensed and decided.
-#[derive(Clone, Copy, Debug, PartialEq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct Report {
     /// Number of the tick, from 1.
     pub tick: u64,
@@ -190,4 +191,6 @@ pub struct Record {
     pub reports_dropped: u64,
     /// The device failed in this tick.
     pub device_error: Option<DeviceError>,
+    /// What the tick was given.
+    pub inputs: Inputs,
 }

@@ -1,5 +1,7 @@
 //! What a device hands to a tick and what it takes back.
 
+use serde::{Deserialize, Serialize};
+
 use crate::notation::{ActuatorVector, MAX_ACTUATORS, PlaneVector};
 
 /// What was sensed at one moment.
@@ -64,7 +66,7 @@ impl DeviceError {
 /// What one actuator is told. A brake is given a *capacity*: it resists its shaft with up to
 /// that torque, whichever way it turns, so a wrong estimate of a sign can only be a wrong
 /// force, never an injection of energy.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum ActuatorCommand {
     /// Resist with up to this torque; never negative.
     Brake { capacity_Nm: f64 },

@@ -5,12 +5,13 @@
 //! stiffness, damping and edge.
 
 use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
 
 use super::Wrench;
 use crate::environment::{Contact, ForceField, MAX_CONTACTS, Tool};
 
 /// The newest command of the controller; all zero when there is none.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Setpoint {
     /// Fencing epoch of the lease it came under, 0 for no command ever.
     pub epoch: u64,
@@ -22,6 +23,8 @@ pub struct Setpoint {
     pub received_ns: u64,
     /// How long it holds from then.
     pub ttl_ns: u64,
+    /// Grows with every setpoint that is handed to the device, 0 for none ever.
+    pub number: u64,
     contacts: [Option<Contact>; MAX_CONTACTS],
     field: Option<ForceField>,
     /// The owner let go on purpose: its force ends now, by the same ramp.
@@ -39,6 +42,7 @@ impl Setpoint {
         state_tick: 0,
         received_ns: 0,
         ttl_ns: 0,
+        number: 0,
         contacts: [None; MAX_CONTACTS],
         field: None,
         released: false,

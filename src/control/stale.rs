@@ -16,10 +16,12 @@
 //! a fade or from a clutch, is told of it: its surfaces have to begin anew, so that the
 //! force does not step back up.
 
+use serde::{Deserialize, Serialize};
+
 use super::Setpoint;
 
 /// How much of the controller's command, and of everything, is rendered.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Authority {
     command: Phase,
     /// Of everything that is rendered.
@@ -33,7 +35,7 @@ impl Default for Authority {
 }
 
 /// A force that may be there.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 enum Phase {
     /// None of it.
     Gone,
@@ -55,7 +57,7 @@ pub struct Change {
 }
 
 /// Forces of the last tick, from which a fade begins; sums of lengths, newtons.
-#[derive(Clone, Copy, Debug, PartialEq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct Before {
     /// What the controller asked, after clipping.
     pub controller_N: f64,

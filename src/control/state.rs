@@ -1,5 +1,7 @@
 //! What a tick remembers for the next one. Bounded, plain, owned by the real-time thread.
 
+use serde::{Deserialize, Serialize};
+
 use super::activation::Activation;
 use super::estimate::Estimator;
 use super::stale::{Authority, Before};
@@ -15,7 +17,7 @@ use crate::notation::PlaneVector;
 const TIMES: usize = 256;
 
 /// Run-time state of one device's control.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ControlState {
     pub(super) tick: u64,
     pub(super) mode: Mode,
@@ -28,6 +30,7 @@ pub struct ControlState {
     pub(super) law: LawState,
     pub(super) was_stuck: bool,
     /// Of each point of the tool, by slot.
+    #[serde(with = "super::snapshot::surfaces")]
     pub(super) scene: Box<[[SurfaceState; MAX_OBJECTS]]>,
     pub(super) contacts: ContactStates,
     /// The tool in the last tick, and what it was made from; `None`: surfaces have no past.
@@ -43,12 +46,12 @@ pub struct ControlState {
     /// Ticks in a row without an estimate.
     pub(super) blind_ticks: u32,
     pub(super) events: EventLog,
-    times_ns: [u64; TIMES],
+    #[serde(with = "super::snapshot::times")]
+    pub(super) times_ns: [u64; TIMES],
 }
 
 impl ControlState {
     /// A device that has just been opened, in this mode.
-    #[expect(clippy::disallowed_macros, reason = "allocates once, before the first tick")]
     pub fn new(mode: Mode) -> Self {
         Self {
             tick: 0,
@@ -60,7 +63,7 @@ impl ControlState {
             stuck: StuckDetector::default(),
             law: LawState::default(),
             was_stuck: false,
-            scene: vec![[SurfaceState::default(); MAX_OBJECTS]; MAX_POINTS].into(),
+            scene: Self::new_surfaces(),
             contacts: ContactStates::default(),
             tool: None,
             command: (0, 0),
@@ -75,6 +78,12 @@ impl ControlState {
         }
     }
 
+    /// Surfaces that nothing has touched yet.
+    #[expect(clippy::disallowed_macros, reason = "allocates once, before the first tick")]
+    pub(super) fn new_surfaces() -> Box<[[SurfaceState; MAX_OBJECTS]]> {
+        vec![[SurfaceState::default(); MAX_OBJECTS]; MAX_POINTS].into()
+    }
+
     /// The mode now.
     pub fn mode(&self) -> Mode {
         self.mode
@@ -86,7 +95,7 @@ impl ControlState {
     }
 
     /// Changes the mode, at a tick's edge.
-    pub fn command(&mut self, command: ModeCommand) -> Result<Mode, ModeRefusal> {
+    pub(super) fn command(&mut self, command: ModeCommand) -> Result<Mode, ModeRefusal> {
         let mode = self.mode.after(command)?;
         if command == ModeCommand::ClearFault {
             self.fault = None;
@@ -107,7 +116,7 @@ impl ControlState {
     }
 
     /// A slot that is free may next hold another object, which has no past.
-    pub(super) fn forget_slots_not_in(&mut self, plan: &Plan) {
+    pub fn forget_slots_not_in(&mut self, plan: &Plan) {
         let mut used = [false; MAX_OBJECTS];
         for item in &plan.scene {
             if let Some(used) = used.get_mut(usize::from(item.slot)) {
@@ -148,7 +157,7 @@ impl ControlState {
 }
 
 /// Surface states of the controller's contacts, by contact id.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ContactStates {
     epoch: u64,
     ids: [Option<u32>; MAX_CONTACTS],
@@ -199,11 +208,11 @@ impl ContactStates {
 }
 
 /// Events of the tick under way.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct EventLog {
-    last: u64,
+    pub(super) last: u64,
     events: [Option<Event>; super::MAX_EVENTS],
-    count: usize,
+    pub(super) count: usize,
 }
 
 impl EventLog {

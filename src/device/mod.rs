@@ -19,9 +19,9 @@ pub use hand::{
     CircleProgram, Grip, HandAction, HandProgram, Pointer, PointerInput, PointerTarget,
     RandomProgram, SlideProgram, UnknownHandProgram,
 };
-pub use plant::Energy;
-pub use sensors::ForceSensor;
-pub use simulated::{LONGEST_GAP_NS, SimulatedDevice, SimulationParameters, Truth};
+pub use plant::{Energy, Plant, PlantParameters};
+pub use sensors::{ForceSensor, Sensors};
+pub use simulated::{LONGEST_GAP_NS, SUBSTEP_NS, SimulatedDevice, SimulationParameters, Truth};
 
 use crate::control::{ActuatorCommands, DeviceError, Sample};
 

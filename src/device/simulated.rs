@@ -23,7 +23,7 @@ use crate::notation::{ActuatorVector, MAX_ACTUATORS, PlaneVector};
 mod tests;
 
 /// Length of a step of plant and hand.
-const SUBSTEP_NS: u64 = 500_000;
+pub const SUBSTEP_NS: u64 = 500_000;
 
 /// A step may be this much longer, so that a tick which is a little late has as many steps.
 const SUBSTEP_STRETCH_NS: u64 = 100_000;

@@ -6,6 +6,7 @@
 //! that a guide does, blending included, is in [`Surface`].
 
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 
 use super::shape::{Guide, Shape};
 use super::{Material, Surface, SurfaceState, ToolPoint, Touches};
@@ -14,7 +15,7 @@ use super::{Material, Surface, SurfaceState, ToolPoint, Touches};
 pub const MAX_CORRIDOR_POINTS: usize = 64;
 
 /// A polyline and the room around it. Built outside the loop: it owns its points.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Corridor {
     points_W_m: Box<[Vector3<f64>]>,
     /// The tool is free within this distance of the polyline; 0: only on it.

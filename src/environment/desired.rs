@@ -6,6 +6,7 @@
 //! Forces and moments are in W, moments about T.
 
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 
 use super::{Element, Material, SceneItem, Surface, SurfaceState, Tool, ToolPoint, Touch, Touches};
 
@@ -19,7 +20,7 @@ pub const MAX_TOUCHES: usize = 8;
 pub const MAX_CONTACTS: usize = 8;
 
 /// Who wants something.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum Source {
     /// The resident scene; the slot of the object.
     #[default]
@@ -170,7 +171,7 @@ struct Asked<'a> {
 }
 
 /// A local model streamed by the controller.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Contact {
     /// Keeps its identity from command to command.
     pub id: u32,

@@ -1,6 +1,7 @@
 //! What a scene is made of: surfaces that constrain and fields that push.
 
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 
 use super::{Corridor, ForceField, Surface};
 
@@ -8,7 +9,7 @@ use super::{Corridor, ForceField, Surface};
 pub const MAX_OBJECTS: usize = 256;
 
 /// One thing in the world.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Element {
     /// Something with a surface.
     Surface(Surface),
@@ -41,7 +42,7 @@ impl Element {
 }
 
 /// An element of the resident scene, with the slot that keeps its run-time state.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneItem {
     /// Stable for the life of the object, below [`MAX_OBJECTS`].
     pub slot: u16,

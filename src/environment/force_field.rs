@@ -5,12 +5,13 @@
 //! a magnet, a tool guide) is rendered here at the rate of the loop.
 
 use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
 
 /// Part of the radius over which the field fades.
 const EDGE: f64 = 0.1;
 
 /// A wrench that varies with place and velocity, in W.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ForceField {
     /// Where the wrench is the stated one at rest.
     pub origin_W_m: Vector3<f64>,

@@ -11,6 +11,7 @@
 //! computational model of friction applied to haptic rendering" (2000), with two coefficients.
 
 use nalgebra::{Isometry3, Point3, Vector3};
+use serde::{Deserialize, Serialize};
 
 use super::Material;
 
@@ -19,7 +20,7 @@ use super::Material;
 const MAX_BRISTLE_N_PER_M: f64 = 5_000.0;
 
 /// What a surface remembers of its friction.
-#[derive(Clone, Copy, Debug, PartialEq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct Bristle {
     anchor_W_m: Option<Vector3<f64>>,
     sticks: bool,

@@ -12,6 +12,7 @@
 //! passes through. Work is bounded everywhere.
 
 use nalgebra::{Isometry3, Point3, Vector3};
+use serde::{Deserialize, Serialize};
 
 use super::shape::{Nearest, Shape};
 
@@ -28,7 +29,7 @@ const STEPS: usize = 16;
 const ON_SURFACE_M: f64 = 1e-7;
 
 /// Where the tool would be if it could not enter.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Proxy {
     /// On the surface, or `radius_m` before it.
     p_W_m: Vector3<f64>,

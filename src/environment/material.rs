@@ -1,9 +1,10 @@
 //! What a surface is made of.
 
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 
 /// The feel of a surface; all zero is a surface that cannot be felt.
-#[derive(Clone, Copy, Debug, PartialEq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct Material {
     /// Force per depth, N/m.
     pub stiffness_N_per_m: f64,

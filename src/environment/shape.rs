@@ -18,6 +18,7 @@ mod sphere;
 pub use guide::Guide;
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
 
 /// Most walls that one surface can be at once: three faces meet in the corner of a box.
 pub const MAX_FACES: usize = 3;
@@ -26,7 +27,7 @@ pub const MAX_FACES: usize = 3;
 const NO_LENGTH_M: f64 = 1e-12;
 
 /// The geometry of a surface, in W.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Shape {
     /// All points behind a plane.
     HalfSpace {

@@ -15,6 +15,7 @@
 //! Source of the proxy: [`super::god_object`]; the offset is derived here.
 
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 
 use super::friction::Bristle;
 use super::god_object::Proxy;
@@ -22,7 +23,7 @@ use super::shape::{Faces, MAX_FACES, Shape};
 use super::{Material, ToolPoint};
 
 /// A shape of some material.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Surface {
     /// Where it is.
     pub shape: Shape,
@@ -73,7 +74,7 @@ impl Touches {
 }
 
 /// What a surface remembers between ticks of one tool point.
-#[derive(Clone, Copy, Debug, PartialEq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct SurfaceState {
     /// Free until the tool point has travelled so far in all, metres.
     clear_until_m: f64,
@@ -93,7 +94,7 @@ pub struct SurfaceState {
 }
 
 /// A surface as it was in the last tick.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Known {
     revision: u64,
     shape: Shape,

@@ -6,12 +6,13 @@
 //! that what lies further away than it has travelled since need not be looked at.
 
 use nalgebra::{UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
 
 /// Most contact points of a tool: the corners of a box.
 pub const MAX_POINTS: usize = 8;
 
 /// A place of the tool where it can be touched.
-#[derive(Clone, Copy, Debug, PartialEq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct ToolPoint {
     /// From T, metres in W.
     pub arm_W_m: Vector3<f64>,
@@ -39,7 +40,7 @@ pub struct ToolMotion {
 }
 
 /// The tool in one tick.
-#[derive(Clone, Copy, Debug, PartialEq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct Tool {
     /// Tool point.
     pub p_WT_m: Vector3<f64>,
@@ -98,7 +99,7 @@ impl Tool {
 
     /// Where it can be touched; never empty but for the default tool.
     pub fn points(&self) -> &[ToolPoint] {
-        &self.points[..self.count]
+        &self.points[..self.count.min(MAX_POINTS)]
     }
 }
 

@@ -26,6 +26,8 @@ pub struct StreamDevice {
     pub sessions: SessionConfig,
     /// The bridge to the real-time thread.
     pub link: StreamEnd<Setpoint, Report>,
+    /// Every setpoint on its way to the recorder.
+    pub setpoints: rtrb::Producer<Setpoint>,
     /// The hand of a simulated device, where a person pulls it.
     pub pointer: Option<PointerInput>,
     /// Rung by the real-time thread after every tick.
@@ -55,9 +57,23 @@ impl Peer {
 /// The bridges of one device.
 struct Bridges {
     link: StreamEnd<Setpoint, Report>,
+    setpoints: rtrb::Producer<Setpoint>,
+    /// Number of the last setpoint.
+    last_setpoint: u64,
     pointer: Option<PointerInput>,
     metrics: StreamMetrics,
     round_trips: RoundTrips,
+}
+
+impl Bridges {
+    /// Told to the recorder first, so that it knows whatever a tick has used. Where that has no
+    /// room, the recording lacks it and tells so by its number.
+    fn hand_over(&mut self, mut setpoint: Setpoint) {
+        self.last_setpoint += 1;
+        setpoint.number = self.last_setpoint;
+        let _ = self.setpoints.push(setpoint);
+        self.link.setpoint.write(setpoint);
+    }
 }
 
 /// What the tasks share.
@@ -73,10 +89,16 @@ impl Hub {
     pub fn new(devices: Vec<StreamDevice>) -> (Self, Vec<OwnedFd>) {
         let (mut configs, mut bridges, mut doorbells) = (Vec::new(), Vec::new(), Vec::new());
         for device in devices {
-            let StreamDevice { sessions, link, pointer, doorbell, metrics, round_trips } = device;
-            configs.push(sessions);
-            bridges.push(Bridges { link, pointer, metrics, round_trips });
-            doorbells.push(doorbell);
+            configs.push(device.sessions);
+            doorbells.push(device.doorbell);
+            bridges.push(Bridges {
+                link: device.link,
+                setpoints: device.setpoints,
+                last_setpoint: 0,
+                pointer: device.pointer,
+                metrics: device.metrics,
+                round_trips: device.round_trips,
+            });
         }
         let sessions = Switchboard::new(configs);
         (Self { sessions, peers: HashMap::new(), bridges }, doorbells)
@@ -121,7 +143,7 @@ impl Hub {
     fn carry_out(&mut self, device: usize, output: Output) {
         let bridges = &mut self.bridges[device];
         match output {
-            Output::Setpoint(setpoint) => bridges.link.setpoint.write(*setpoint),
+            Output::Setpoint(setpoint) => bridges.hand_over(*setpoint),
             Output::Datagram { to, transport, bytes } => {
                 let sent = self.peers.get(&to).is_some_and(|peer| peer.send(bytes));
                 let outcome = if sent { Outcome::Sent } else { Outcome::Dropped };

@@ -6,8 +6,8 @@
 
 use super::guard::no_alloc;
 use crate::control::{
-    ControlCommand, ControlReply, ControlState, Decision, Plan, RELEASED, Record, Report, Setpoint,
-    TickInput, tick,
+    COMMANDS_PER_TICK, ControlCommand, ControlReply, ControlState, Decision, Inputs, Obeyed, Plan,
+    RELEASED, Record, Report, Setpoint, TickInput, tick,
 };
 use crate::device::Device;
 use crate::link::RtEnd;
@@ -15,9 +15,6 @@ use crate::link::RtEnd;
 /// The bridges of a device, with what they really carry.
 /// A command carries a number, and its reply the same.
 pub type DeviceLink = RtEnd<Setpoint, Report, Record, (u64, ControlCommand), (u64, ControlReply)>;
-
-/// Commands carried out in one turn: bounded; the rest waits for the next one.
-const COMMANDS_PER_TURN: usize = 2;
 
 /// A device with its law and its bridges.
 pub struct Cycle<D: Device> {
@@ -50,16 +47,23 @@ impl<D: Device> Cycle<D> {
     /// for the durations in the record; in virtual time it stands still.
     pub fn turn(&mut self, due_ns: u64, now_ns: u64, clock: impl Fn() -> u64) -> Report {
         no_alloc(|| {
-            self.obey();
+            let obeyed = self.obey();
             let mut device_error = None;
             let sample = self.device.read(now_ns).inspect_err(|error| device_error = Some(*error));
             let sensed_ns = clock();
-            let decision = self.decide(sample, now_ns);
+            let (decision, setpoint) = self.decide(sample, now_ns);
             let decided_ns = clock();
             if let Err(error) = self.device.write(&decision.commands) {
                 device_error = Some(error);
             }
             let done_ns = clock();
+            let inputs = Inputs {
+                sample,
+                overruns_in_row: self.overruns_in_row,
+                setpoint,
+                plan: self.plan.generation,
+                obeyed,
+            };
             let overrun = done_ns >= due_ns + self.plan.tick_ns;
             self.overruns_in_row = if overrun { self.overruns_in_row.saturating_add(1) } else { 0 };
             let record = Record {
@@ -72,6 +76,7 @@ impl<D: Device> Cycle<D> {
                 skipped_ticks: self.skipped_before(due_ns),
                 reports_dropped: self.link.dropped(),
                 device_error,
+                inputs,
             };
             self.link.publish(decision.report, record);
             decision.report
@@ -97,29 +102,32 @@ impl<D: Device> Cycle<D> {
         let _ = self.device.write(&commands);
     }
 
-    fn obey(&mut self) {
-        for _ in 0..COMMANDS_PER_TURN {
-            let Some((number, command)) = self.link.next_command() else {
-                return;
-            };
+    fn obey(&mut self) -> [Option<Obeyed>; COMMANDS_PER_TICK] {
+        let mut obeyed = [None; COMMANDS_PER_TICK];
+        for obeyed in &mut obeyed {
+            let Some((number, command)) = self.link.next_command() else { break };
+            *obeyed = Some(command.obeyed());
             let reply = self.state.apply(command, &mut self.plan);
             self.link.reply((number, reply));
         }
+        obeyed
     }
 
+    /// The decision, and the number of the setpoint that it followed.
     fn decide(
         &mut self,
         sample: Result<crate::control::Sample, crate::control::DeviceError>,
         now_ns: u64,
-    ) -> Decision {
+    ) -> (Decision, u64) {
+        let setpoint = self.link.setpoint();
         let input = TickInput {
             sample,
-            setpoint: self.link.setpoint(),
+            setpoint,
             plan: &self.plan,
             now_ns,
             overruns_in_row: self.overruns_in_row,
         };
-        tick(&mut self.state, &input)
+        (tick(&mut self.state, &input), setpoint.number)
     }
 }
 

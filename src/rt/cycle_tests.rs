@@ -58,7 +58,7 @@ impl<D: Device> World<D> {
     fn mode(&mut self, command: ModeCommand) -> Option<Mode> {
         match self.ask(ControlCommand::Mode(command)) {
             ControlReply::Mode(mode) => mode.ok(),
-            ControlReply::Home(_) | ControlReply::Retired(_) => panic!("that was no mode"),
+            _ => panic!("that was no mode"),
         }
     }
 }
@@ -267,6 +267,33 @@ fn a_new_plan_is_in_force_on_the_next_tick_and_the_old_one_comes_back() {
     };
     assert_eq!(old.scene_revision, 1);
     assert!(mechanism.upgrade().is_some());
+}
+
+/// Under the guard: a copy in the tick allocates nothing.
+#[test]
+fn a_state_is_copied_at_a_ticks_edge_and_the_record_says_what_the_tick_was_given() {
+    let mut world = world("press-and-slide", &[Element::Surface(wall())]);
+    world.run(1_500);
+    let mut setpoint = command(world.now_ns, 1, 100);
+    setpoint.number = 7;
+    world.stream.setpoint.write(setpoint);
+    let copy = Box::new(ControlState::new(Mode::Disabled));
+    let mode = ControlCommand::Mode(ModeCommand::Enable);
+    world.supervisor.commands.push((1, mode)).unwrap();
+    world.supervisor.commands.push((2, ControlCommand::Snapshot(copy))).unwrap();
+    world.now_ns += MS;
+    let report = world.cycle.turn(world.now_ns, world.now_ns, || 0);
+    let record = world.records.pop().unwrap();
+    assert_eq!(record.report, report);
+    let Inputs { sample, setpoint, plan, obeyed, .. } = record.inputs;
+    assert_eq!((setpoint, plan), (7, 1));
+    assert_eq!(obeyed, [Some(Obeyed::Mode(ModeCommand::Enable)), Some(Obeyed::Snapshot)]);
+    assert!(sample.is_ok_and(|sample| sample.F_hand_BH_N.is_some()));
+    let _ = world.supervisor.replies.pop();
+    let Ok((2, ControlReply::Snapshot(copy))) = world.supervisor.replies.pop() else {
+        panic!("no reply")
+    };
+    assert_eq!((copy.ticks(), copy.mode()), (1_500, Mode::Enabled));
 }
 
 #[test]

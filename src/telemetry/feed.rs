@@ -12,6 +12,7 @@ use std::time::Duration;
 
 use super::{DeviceMetrics, EventHistory, RunSummary};
 use crate::control::{Record, Report};
+use crate::recording::Recorder;
 
 /// Between two looks at the ring: a few ticks, so that a live view is not late.
 const PERIOD: Duration = Duration::from_millis(4);
@@ -46,14 +47,16 @@ pub fn spawn(
     mut metrics: DeviceMetrics,
     latest: LatestReport,
     summary: Option<Arc<Mutex<RunSummary>>>,
+    mut recorder: Option<Recorder>,
     stop: Arc<AtomicBool>,
 ) -> io::Result<JoinHandle<()>> {
     thread::Builder::new().name("telemetry".into()).spawn(move || {
         loop {
             // Asked before draining, so that nothing written before is left behind.
             let last = stop.load(Ordering::Acquire) || records.is_abandoned();
-            drain(&mut records, &mut metrics, &latest, summary.as_deref());
+            drain(&mut records, &mut metrics, &latest, summary.as_deref(), recorder.as_mut());
             if last {
+                recorder.iter_mut().for_each(Recorder::finish);
                 return;
             }
             thread::sleep(PERIOD);
@@ -66,6 +69,7 @@ fn drain(
     metrics: &mut DeviceMetrics,
     latest: &LatestReport,
     summary: Option<&Mutex<RunSummary>>,
+    mut recorder: Option<&mut Recorder>,
 ) {
     let mut newest = None;
     for _ in 0..records.slots() {
@@ -75,7 +79,13 @@ fn drain(
             summary.lock().unwrap_or_else(PoisonError::into_inner).observe(&record);
         }
         latest.events.take_in(&record.report);
+        if let Some(recorder) = &mut recorder {
+            recorder.observe(&record);
+        }
         newest = Some(record.report);
+    }
+    if let Some(recorder) = recorder {
+        recorder.flush();
     }
     if let Some(report) = newest {
         latest.set(report);
@@ -99,7 +109,8 @@ mod tests {
         let summary = Arc::new(Mutex::new(RunSummary::new(1_000_000)));
         let metrics = telemetry.device("d");
         let observed = Some(Arc::clone(&summary));
-        let thread = spawn(consumer, metrics, latest.clone(), observed, Arc::clone(&stop)).unwrap();
+        let thread =
+            spawn(consumer, metrics, latest.clone(), observed, None, Arc::clone(&stop)).unwrap();
         for tick in 1..=1_000 {
             while producer.push(record(tick)).is_err() {
                 thread::yield_now();
@@ -121,7 +132,8 @@ mod tests {
         drop(producer);
         let latest = LatestReport::default();
         let stop = Arc::new(AtomicBool::new(false));
-        let thread = spawn(consumer, telemetry.device("d"), latest.clone(), None, stop).unwrap();
+        let thread =
+            spawn(consumer, telemetry.device("d"), latest.clone(), None, None, stop).unwrap();
         thread.join().unwrap();
         assert_eq!(latest.get().tick, 5);
     }

@@ -210,7 +210,7 @@ fn seconds(ns: u64) -> f64 {
 mod tests {
     use super::*;
     use crate::actuation::Region;
-    use crate::control::{DeviceError, Fault, Limits};
+    use crate::control::{DeviceError, Fault, Inputs, Limits};
 
     fn sample(telemetry: &Telemetry, series: &str) -> f64 {
         let text = telemetry.scrape().render();
@@ -244,6 +244,7 @@ mod tests {
             skipped_ticks: 4,
             reports_dropped: 2,
             device_error: Some(DeviceError::Disconnected),
+            inputs: Inputs::default(),
         }
     }
 

@@ -17,12 +17,12 @@ use super::support::{DEVICE, Rig, next_state, run};
 
 /// A hand that stays at (0.285, 0.35) m.
 fn holding(config: &mut ServerConfig) {
-    config.hand = "hold".parse().unwrap();
+    config.devices[0].hand = "hold".parse().unwrap();
 }
 
 /// A hand that goes round and round.
 fn circling(config: &mut ServerConfig) {
-    config.hand = "circle".parse().unwrap();
+    config.devices[0].hand = "circle".parse().unwrap();
 }
 
 fn vector(x: f64, y: f64, z: f64) -> Option<Vector3> {
@@ -123,7 +123,7 @@ fn a_fault() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("cho-2005.toml");
     std::fs::write(&file, coarse).unwrap();
-    let rig = Rig::with(|config| config.device = file.display().to_string());
+    let rig = Rig::with(|config| config.devices[0].source = file.display().to_string());
     rig.run(async {
         let mut devices = rig.services().await.devices;
         let told = until(&mut devices, Reason::Fault).await;

@@ -21,8 +21,8 @@ fn incremental(folder: &Path) -> Rig {
     let file = folder.join("cho-2005.toml");
     std::fs::write(&file, text).unwrap();
     Rig::with(|config| {
-        config.device = file.display().to_string();
-        config.hand = "hold".parse().unwrap();
+        config.devices[0].source = file.display().to_string();
+        config.devices[0].hand = "hold".parse().unwrap();
     })
 }
 

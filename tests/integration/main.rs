@@ -22,6 +22,8 @@ mod patience;
 #[cfg(feature = "net")]
 mod persistence;
 #[cfg(feature = "net")]
+mod recording;
+#[cfg(feature = "net")]
 mod refusals;
 #[cfg(feature = "net")]
 mod scene_commands;

@@ -311,9 +311,14 @@ pub struct Server {
 impl Server {
     /// Serves with its state in `state`; returns when it has printed where it is.
     pub fn start(state: &Path) -> Self {
+        Self::with(state, "")
+    }
+
+    /// The same with these lines at the top of its configuration.
+    pub fn with(state: &Path, top: &str) -> Self {
         let stderr = tempfile::tempfile().unwrap();
         let mut command = hapticd();
-        command.args(["serve", "--config"]).arg(config_file(state, ""));
+        command.args(["serve", "--config"]).arg(config_file(state, top));
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(stderr.try_clone().unwrap());
         let mut child = command.spawn().unwrap();
         let printed = first_line(child.stdout.take().unwrap());
@@ -329,6 +334,13 @@ impl Server {
     pub fn kill(mut self) {
         self.child.kill().unwrap();
         self.child.wait().unwrap();
+    }
+
+    /// Keeps all of it from running for a while.
+    pub fn stall(&self, how_long: Duration) {
+        send(&self.child, Signal::STOP);
+        std::thread::sleep(how_long);
+        send(&self.child, Signal::CONT);
     }
 
     /// Sends a signal and waits for the end; the exit code and what was logged.

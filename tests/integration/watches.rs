@@ -37,7 +37,7 @@ async fn next_mode(events: &mut Streaming<DeviceEvent>) -> (Mode, u64) {
 }
 
 fn holding() -> Rig {
-    Rig::with(|config| config.hand = "hold".parse().unwrap())
+    Rig::with(|config| config.devices[0].hand = "hold".parse().unwrap())
 }
 
 #[test]
@@ -74,7 +74,7 @@ fn a_reader_that_is_too_slow_is_told_what_it_missed() {
         off_and_on(&mut devices).await;
         let (_, first) = next_mode(&mut slow).await;
         // More than the history holds, and what waits on the way; nobody reads.
-        let host = rig.daemon().host();
+        let host = rig.daemon().devices()[0].host();
         for _ in 0..600 {
             off_and_on(&mut devices).await;
         }
@@ -125,7 +125,9 @@ fn devices_are_listed_at_once_and_when_their_mode_changes() {
 fn the_command_prints_what_happened() {
     let rig = holding();
     rig.run(async { off_and_on(&mut rig.services().await.devices).await });
-    wait_until("the events in the history", || rig.daemon().host().events().last() >= 2);
+    wait_until("the events in the history", || {
+        rig.daemon().devices()[0].host().events().last() >= 2
+    });
     let connect = rig.target().to_string();
     let ctl = |arguments: &[&str]| run(&[&["ctl", "--connect", &connect], arguments].concat());
     let told = ctl(&["events"]).ok().stdout;

@@ -11,6 +11,7 @@
 //! What a brake has reached of its command follows a first-order lag. It is never measured.
 
 use nalgebra::{Cholesky, Const, Matrix2};
+use serde::{Deserialize, Serialize};
 
 use crate::actuation::{Capability, Handle, nearest_in_box};
 use crate::notation::{ActuatorVector, HandleInertia, PlaneVector, ReferenceMatrix};
@@ -95,7 +96,7 @@ fn planar(v: &PlaneVector) -> PlaneVector {
 }
 
 /// What is believed of the handle.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Observer {
     /// Pose of the handle.
     pub position: PlaneVector,

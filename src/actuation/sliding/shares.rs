@@ -5,6 +5,8 @@
 //! to stop holding, shares move over within [`BLEND_S`]: the least drag jumps there, the
 //! shares do not. How fast a drag changes is learnt from the motion itself.
 
+use serde::{Deserialize, Serialize};
+
 use super::sides::Sides;
 use crate::notation::ActuatorVector;
 
@@ -19,7 +21,7 @@ const SHORTEST_M: f64 = 2e-4;
 const LONGEST_M: f64 = 5e-3;
 
 /// Shares of the press, summing to one, or none at all.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Shares {
     shares: ActuatorVector,
     /// Change of the drags along the wall, per metre.

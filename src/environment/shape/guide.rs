@@ -5,11 +5,12 @@
 //! points towards it.
 
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 
 use super::{Nearest, across, nearest_between, radial};
 
 /// The path of a guide.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Guide {
     /// One place.
     Point {

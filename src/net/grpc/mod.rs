@@ -6,11 +6,13 @@ mod devices;
 mod explain;
 mod manipulability;
 mod names;
+mod recordings;
 mod scenes;
 mod sessions;
 mod settings;
 mod watches;
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::sync::watch;
@@ -18,15 +20,18 @@ use tonic::Status;
 use tonic::transport::Server;
 
 use super::{Door, SessionDesk};
+use crate::archive::Archive;
 use crate::config::SceneError;
 use crate::host::{HostError, Hosts};
 use crate::proto::DESCRIPTOR_SET;
 use crate::proto::device_service_server::DeviceServiceServer;
+use crate::proto::recording_service_server::RecordingServiceServer;
 use crate::proto::scene_service_server::SceneServiceServer;
 use crate::proto::session_service_server::SessionServiceServer;
 use crate::units::FieldError;
 use desk::desks;
 use devices::Devices;
+use recordings::Recordings;
 use scenes::Scenes;
 use sessions::SessionCallsService;
 
@@ -44,16 +49,20 @@ pub async fn serve(
     http_port: u16,
     hosts: Hosts,
     sessions: SessionDesk,
+    archive: Arc<Archive>,
     mut stopped: watch::Receiver<bool>,
 ) -> anyhow::Result<()> {
     let desks = desks(&hosts);
     let devices = Devices::new(desks.clone(), sessions.clone(), http_port, stopped.clone());
     let devices = DeviceServiceServer::new(devices);
+    let recordings = Recordings::new(desks.clone(), archive, stopped.clone());
+    let recordings = RecordingServiceServer::new(recordings);
     let scenes = SceneServiceServer::new(Scenes::new(desks, stopped.clone()));
     let sessions = SessionServiceServer::new(SessionCallsService::new(sessions, hosts));
     let (reporter, health) = tonic_health::server::health_reporter();
     reporter.set_serving::<DeviceServiceServer<Devices>>().await;
     reporter.set_serving::<SceneServiceServer<Scenes>>().await;
+    reporter.set_serving::<RecordingServiceServer<Recordings>>().await;
     reporter.set_serving::<SessionServiceServer<SessionCallsService>>().await;
     let reflection = || {
         tonic_reflection::server::Builder::configure()
@@ -70,6 +79,7 @@ pub async fn serve(
         .add_service(devices)
         .add_service(scenes)
         .add_service(sessions)
+        .add_service(recordings)
         .add_service(health)
         .add_service(reflection().build_v1()?)
         .add_service(reflection().build_v1alpha()?)

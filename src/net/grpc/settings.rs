@@ -7,7 +7,8 @@ use std::sync::Arc;
 
 use tonic::Status;
 
-use super::{Lane, convert, field_status, names};
+use super::desk::Lane;
+use super::{convert, field_status, names};
 use crate::actuation::Strategy;
 use crate::config::{Setting, Settings, SettingsError};
 use crate::host::{DeviceHost, SettingsInForce};

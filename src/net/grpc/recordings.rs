@@ -1,0 +1,181 @@
+//! RecordingService: recordings of the server's devices, made, fetched and deleted.
+
+use std::io::Read;
+use std::sync::Arc;
+
+use tokio::sync::{mpsc, watch};
+use tokio_stream::wrappers::ReceiverStream;
+use tonic::{Request, Response, Status};
+
+use super::desk::{Desk, Desks};
+use super::{field_status, host_status, names};
+use crate::archive::{Archive, ArchiveError, Info};
+use crate::host::DeviceHost;
+use crate::proto::recording_service_server::RecordingService;
+use crate::proto::{
+    DeleteRecordingRequest, DeleteRecordingResponse, DownloadRecordingRequest, GetRecordingRequest,
+    ListRecordingsRequest, ListRecordingsResponse, Recording, RecordingChunk,
+    StartRecordingRequest, StopRecordingRequest,
+};
+
+/// Bytes of a piece, and pieces that wait for a client.
+const PIECE: usize = 64 * 1024;
+const PIECES: usize = 4;
+
+/// The service.
+pub struct Recordings {
+    desks: Desks,
+    archive: Arc<Archive>,
+    stopped: watch::Receiver<bool>,
+}
+
+impl Recordings {
+    /// Of these devices.
+    pub fn new(desks: Desks, archive: Arc<Archive>, stopped: watch::Receiver<bool>) -> Self {
+        Self { desks, archive, stopped }
+    }
+
+    /// The device that a recording is of.
+    fn host_of(&self, info: &Info) -> Option<Arc<DeviceHost>> {
+        let is = |desk: &&Desk| desk.host.definition().name.as_str() == info.device;
+        self.desks.iter().find(is).map(|desk| Arc::clone(&desk.host))
+    }
+
+    /// Asks the archive where waiting for the disk is allowed.
+    async fn ask<T: Send + 'static>(
+        &self,
+        work: impl FnOnce(&Archive) -> Result<T, ArchiveError> + Send + 'static,
+    ) -> Result<T, Status> {
+        let archive = Arc::clone(&self.archive);
+        let done = tokio::task::spawn_blocking(move || work(&archive)).await;
+        let done = done.map_err(|error| Status::internal(error.to_string()))?;
+        done.map_err(|error| status(&error))
+    }
+}
+
+/// The ID in `recordings/ID`.
+fn id_of(name: &str) -> Result<String, Status> {
+    let id = name.strip_prefix("recordings/").map(str::to_owned);
+    id.ok_or_else(|| Status::not_found(format!("name = {name:?}: must be recordings/ID")))
+}
+
+fn status(error: &ArchiveError) -> Status {
+    let text = error.to_string();
+    match error {
+        ArchiveError::NotFound(_) => Status::not_found(text),
+        ArchiveError::Field(error) => field_status(error),
+        ArchiveError::Full(_) | ArchiveError::Busy => Status::resource_exhausted(text),
+        ArchiveError::UnderWay(_) => Status::failed_precondition(text),
+        ArchiveError::Host(error) => host_status(error),
+        ArchiveError::Io { .. } => Status::internal(text),
+    }
+}
+
+fn recording(info: Info) -> Recording {
+    Recording {
+        name: format!("recordings/{}", info.id),
+        device: format!("devices/{}", info.device),
+        complete: info.complete,
+        seconds: info.seconds.unwrap_or(0.0),
+        ticks: info.ticks,
+        lost_ticks: info.lost_ticks,
+        bytes: info.bytes,
+        error: info.error.unwrap_or_default(),
+    }
+}
+
+#[tonic::async_trait]
+impl RecordingService for Recordings {
+    async fn start_recording(
+        &self,
+        request: Request<StartRecordingRequest>,
+    ) -> Result<Response<Recording>, Status> {
+        let StartRecordingRequest { parent, seconds } = request.into_inner();
+        let host = &names::find_device(&self.desks, "parent", &parent)?.host;
+        let host = Arc::clone(host);
+        let info = self.ask(move |archive| archive.start(&host, seconds)).await?;
+        Ok(Response::new(recording(info)))
+    }
+
+    async fn stop_recording(
+        &self,
+        request: Request<StopRecordingRequest>,
+    ) -> Result<Response<Recording>, Status> {
+        let id = id_of(&request.get_ref().name)?;
+        let asked = id.clone();
+        let mut info = self.ask(move |archive| archive.get(&asked)).await?;
+        // One of a device that is served no more has come to its end already.
+        if let Some(host) = self.host_of(&info) {
+            info = self.ask(move |archive| archive.stop(&host, &id)).await?;
+        }
+        Ok(Response::new(recording(info)))
+    }
+
+    async fn get_recording(
+        &self,
+        request: Request<GetRecordingRequest>,
+    ) -> Result<Response<Recording>, Status> {
+        let id = id_of(&request.get_ref().name)?;
+        let info = self.ask(move |archive| archive.get(&id)).await?;
+        Ok(Response::new(recording(info)))
+    }
+
+    async fn list_recordings(
+        &self,
+        _: Request<ListRecordingsRequest>,
+    ) -> Result<Response<ListRecordingsResponse>, Status> {
+        let all = self.ask(|archive| Ok(archive.list())).await?;
+        let recordings = all.into_iter().map(recording).collect();
+        Ok(Response::new(ListRecordingsResponse { recordings }))
+    }
+
+    type DownloadRecordingStream = ReceiverStream<Result<RecordingChunk, Status>>;
+
+    async fn download_recording(
+        &self,
+        request: Request<DownloadRecordingRequest>,
+    ) -> Result<Response<Self::DownloadRecordingStream>, Status> {
+        let id = id_of(&request.get_ref().name)?;
+        let mut file = self.ask(move |archive| archive.open_file(&id)).await?;
+        let (pieces, stream) = mpsc::channel(PIECES);
+        let mut stopped = self.stopped.clone();
+        tokio::spawn(async move {
+            // Whoever reads slowly holds no thread: each piece is read when there is room.
+            while let Ok(place) = pieces.reserve().await {
+                let read = tokio::task::spawn_blocking(move || {
+                    let mut data = vec![0; PIECE];
+                    let read = file.read(&mut data).map(|length| {
+                        data.truncate(length);
+                        data
+                    });
+                    (file, read)
+                });
+                let piece = tokio::select! {
+                    piece = read => piece,
+                    _ = stopped.wait_for(|stopped| *stopped) => return,
+                };
+                match piece {
+                    Ok((_, Ok(data))) if data.is_empty() => return,
+                    Ok((same, Ok(data))) => {
+                        place.send(Ok(RecordingChunk { data }));
+                        file = same;
+                    }
+                    Ok((_, Err(error))) => {
+                        return place.send(Err(Status::internal(error.to_string())));
+                    }
+                    Err(error) => return place.send(Err(Status::internal(error.to_string()))),
+                }
+            }
+        });
+        Ok(Response::new(ReceiverStream::new(stream)))
+    }
+
+    async fn delete_recording(
+        &self,
+        request: Request<DeleteRecordingRequest>,
+    ) -> Result<Response<DeleteRecordingResponse>, Status> {
+        let id = id_of(&request.get_ref().name)?;
+        self.ask(move |archive| archive.delete(&id)).await?;
+        Ok(Response::new(DeleteRecordingResponse {}))
+    }
+}

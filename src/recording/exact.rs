@@ -1,0 +1,145 @@
+//! Plans, setpoints and states as entries that keep every bit.
+//!
+//! A plan's linkage comes from the device's file, which is in the entry and is checked again
+//! as any file is; everything else in a plan is stored as it was in force, so that a setting
+//! that no file knows is replayed too. What a file could say to break the loop is refused
+//! here; numbers are not, because a tick takes any.
+
+use prost::Message;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+use crate::actuation::Strategy;
+use crate::config::{DeviceDefinition, Scene};
+use crate::control::{Actuators, ControlState, Guards, Mount, Plan, Setpoint, Tool};
+use crate::environment::{Element, MAX_CORRIDOR_POINTS, SceneItem};
+use crate::proto::record_entry::Entry;
+use crate::proto::{RecordEntry, RecordPlan, RecordSetpoint, RecordSnapshot};
+
+/// A loop turns at 100 to 4000 Hz.
+const TICK_NS: std::ops::RangeInclusive<u64> = 250_000..=10_000_000;
+
+/// A plan but for its linkage and its number.
+#[derive(Deserialize, Serialize)]
+struct Exact {
+    actuators: Actuators,
+    mount: Mount,
+    tool: Tool,
+    tick_ns: u64,
+    strategy: Strategy,
+    guards: Guards,
+    scene: Box<[SceneItem]>,
+    scene_revision: u64,
+}
+
+/// An entry with its length before it.
+pub(super) fn framed(entry: Entry) -> Vec<u8> {
+    RecordEntry { entry: Some(entry) }.encode_length_delimited_to_vec()
+}
+
+/// What serde makes of it. Nothing here has a part that cannot be written; were there one, it
+/// would be missing from the recording, and a replay would say so.
+fn stored(value: &impl Serialize) -> Vec<u8> {
+    postcard::to_stdvec(value).unwrap_or_default()
+}
+
+fn restored<'a, T: Deserialize<'a>>(bytes: &'a [u8]) -> Result<T, String> {
+    match postcard::take_from_bytes(bytes) {
+        Ok((value, [])) => Ok(value),
+        Ok((_, rest)) => Err(format!("{} bytes too many", rest.len())),
+        Err(error) => Err(error.to_string()),
+    }
+}
+
+/// The entry of a plan, made from this device and this scene.
+pub fn plan_entry(plan: &Plan, device: &DeviceDefinition, scene: &Scene) -> Vec<u8> {
+    // Every field by name: one that is added has to be thought of here.
+    let Plan {
+        mechanism: _,
+        home_rad: _, // as the linkage, from the device
+        actuators,
+        mount,
+        tool,
+        tick_ns,
+        strategy,
+        guards,
+        scene: items,
+        scene_revision,
+        generation,
+    } = plan.clone();
+    let exact =
+        Exact { actuators, mount, tool, tick_ns, strategy, guards, scene: items, scene_revision };
+    framed(Entry::Plan(RecordPlan {
+        generation,
+        device_name: device.name.to_string(),
+        device_toml: device.text.to_string(),
+        scene_toml: scene.to_toml().unwrap_or_default(),
+        exact: stored(&exact),
+    }))
+}
+
+/// The plan of an entry with the device that it is for; what is wrong with it is told.
+pub(super) fn plan_of(entry: &RecordPlan) -> Result<(Plan, DeviceDefinition), String> {
+    let device =
+        DeviceDefinition::from_toml(&entry.device_name, &entry.device_toml, "recorded device")
+            .map_err(|error| error.to_string())?;
+    let Exact { actuators, mount, tool, tick_ns, strategy, guards, scene, scene_revision } =
+        restored(&entry.exact)?;
+    if !TICK_NS.contains(&tick_ns) {
+        return Err(format!("tick of {tick_ns} ns: must be {TICK_NS:?}"));
+    }
+    let corridors = scene.iter().filter_map(|item| match &item.element {
+        Element::Corridor(corridor) => Some(corridor.points_W_m().len()),
+        _ => None,
+    });
+    if let Some(points) = corridors.into_iter().find(|n| !(2..=MAX_CORRIDOR_POINTS).contains(n)) {
+        return Err(format!("corridor of {points} points: must be 2 to {MAX_CORRIDOR_POINTS}"));
+    }
+    let plan = Plan {
+        mechanism: Arc::clone(&device.mechanism),
+        home_rad: device.home_rad,
+        actuators,
+        mount,
+        tool,
+        tick_ns,
+        strategy,
+        guards,
+        scene,
+        scene_revision,
+        generation: entry.generation,
+    };
+    Ok((plan, device))
+}
+
+/// The entry of a setpoint.
+pub(super) fn setpoint_entry(setpoint: &Setpoint) -> Vec<u8> {
+    framed(Entry::Setpoint(RecordSetpoint {
+        number: setpoint.number,
+        epoch: setpoint.epoch,
+        seq: setpoint.seq,
+        state_tick: setpoint.state_tick,
+        received_ns: setpoint.received_ns,
+        ttl_ns: setpoint.ttl_ns,
+        released: setpoint.released,
+        clutched: setpoint.clutched,
+        contacts: setpoint.contacts().count() as u32,
+        exact: stored(setpoint),
+    }))
+}
+
+pub(super) fn setpoint_of(entry: &RecordSetpoint) -> Result<Setpoint, String> {
+    restored(&entry.exact)
+}
+
+/// The entry of a state.
+pub fn snapshot_entry(state: &ControlState) -> Vec<u8> {
+    framed(Entry::Snapshot(RecordSnapshot { after_tick: state.ticks(), exact: stored(state) }))
+}
+
+pub(super) fn snapshot_of(entry: &RecordSnapshot) -> Result<ControlState, String> {
+    let state: ControlState = restored(&entry.exact)?;
+    if !state.is_sound() || state.ticks() != entry.after_tick {
+        return Err("not a state that a tick leaves behind".to_owned());
+    }
+    Ok(state)
+}
