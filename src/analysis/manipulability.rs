@@ -327,7 +327,8 @@ mod tests {
                 }
                 let beyond = along * (1.01 * now_N + 0.1);
                 let given = optimal(&capability, &beyond);
-                assert!((given.wrench - beyond).norm() > 1e-4, "{given:?}");
+                // Just beside a ray the nearest force is near.
+                assert!((given.wrench - beyond).norm() > 1e-6, "{given:?}");
             }
         }
     }

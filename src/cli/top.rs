@@ -127,7 +127,8 @@ async fn live(
 ) -> anyhow::Result<()> {
     let mut terminal = ratatui::try_init()?;
     let result: anyhow::Result<()> = async {
-        let (mut newest, mut next) = (Look::default(), Instant::now());
+        // Records come in batches: a first look at once would tell rates of next to nothing.
+        let (mut newest, mut next) = (Look::default(), Instant::now() + PERIOD / 4);
         loop {
             if Instant::now() >= next {
                 newest = look(services, http, &mut last).await?;
