@@ -46,7 +46,7 @@ impl Rig {
         match self.state.apply(command, &mut self.plan) {
             ControlReply::Home(answer) => answer.map_err(|refusal| refusal.to_string()),
             ControlReply::Mode(answer) => answer.map(drop).map_err(|refusal| refusal.to_string()),
-            ControlReply::Retired(_) => Ok(()),
+            ControlReply::Retired(_) | ControlReply::Snapshot(_) => Ok(()),
         }
     }
 }
