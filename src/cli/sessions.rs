@@ -19,8 +19,13 @@ use crate::proto::{
   hapticd ctl session close 3")]
 pub enum SessionCommand {
     /// Who is connected, to one device (--device) or to all
+    #[command(after_help = "Examples:
+  hapticd ctl session list
+  hapticd ctl session list --device left --json")]
     List,
     /// Send one away; its force fades
+    #[command(after_help = "Example:
+  hapticd ctl session close 3")]
     Close {
         /// Its number, as `list` shows it
         #[arg(value_name = "ID")]
@@ -35,6 +40,9 @@ pub enum SessionCommand {
   hapticd ctl lease release 3")]
 pub enum LeaseCommand {
     /// Make a session the controller of its device
+    #[command(after_help = "Examples:
+  hapticd ctl lease acquire 3
+  hapticd ctl lease acquire 3 --takeover")]
     Acquire {
         /// Its number, as `session list` shows it
         #[arg(value_name = "ID")]
@@ -44,6 +52,8 @@ pub enum LeaseCommand {
         takeover: bool,
     },
     /// Make the controller an observer; its force fades
+    #[command(after_help = "Example:
+  hapticd ctl lease release 3")]
     Release {
         /// Its number
         #[arg(value_name = "ID")]

@@ -340,8 +340,8 @@ mod tests {
             ("position_m = [0.0,", "position_m = [nan,", "mount.position_m[0] = NaN"),
             ("[0.0, 0.0, 0.0, 1.0]", "[0.0, 0.0, 0.0, 2.0]", "mount.orientation_xyzw = 2"),
             ("radius_m = 0.0", "radius_m = -0.1", "tool.radius_m = -0.1"),
-            ("points_m = []", "points_m = [[0, 0, 0], [0, 2, 0]]", "tool.points_m[1].y = 2"),
-            ("points_m = []", "points_m = [[nan, 0, 0]]", "tool.points_m[0].x = NaN"),
+            ("points_m = []", "points_m = [[0, 0, 0], [0, 2, 0]]", "tool.points_m[1][1] = 2"),
+            ("points_m = []", "points_m = [[nan, 0, 0]]", "tool.points_m[0][0] = NaN"),
             ("points_m = []", "points_m = [[0, 0]]", "tool.points_m: invalid length"),
             (
                 "points_m = []",

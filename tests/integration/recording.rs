@@ -205,7 +205,8 @@ fn a_recording_has_its_life_on_the_server() {
             bytes.extend(piece.data);
         }
         let run = Recorded::read(bytes).unwrap();
-        assert_eq!(hapticd::recording::replay(&run).equal, stopped.ticks);
+        let replayed = hapticd::recording::replay(&run);
+        assert_eq!(replayed.equal, stopped.ticks, "{replayed:?}");
         client.delete_recording(delete()).await.unwrap();
         refused(client.get_recording(get()).await, Code::NotFound, &name["recordings/".len()..]);
         for name in ["recordings/../scene", "recordings/", "rubbish"] {
