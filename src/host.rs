@@ -1,4 +1,4 @@
-//! The devices as the services see them: description, mode, scene, last report.
+//! The devices as the services see them: description, mode, settings, scene, last report.
 //!
 //! The only way from configuration to the real-time thread: whoever wants something of a
 //! running device comes through here, one at a time. A scene edit is made on a copy, checked,
@@ -276,9 +276,12 @@ impl DeviceHost {
         let (last, ends) = &mut *supervisor;
         // Replies that nobody waited for keep the loop from taking more commands.
         while ends.replies.pop().is_ok() {}
-        // An edit needs room for its undoing, and leaves some for a Stop, as does a snapshot.
-        let waits = undo.is_some() || matches!(command, ControlCommand::Snapshot(_));
-        let needed = if waits { 3 } else { 1 };
+        // Whatever it is leaves room for a Stop; an edit needs some for its undoing, too.
+        let needed = match (&command, &undo) {
+            (ControlCommand::Mode(ModeCommand::Stop), _) => 1,
+            (_, None) => 2,
+            (_, Some(_)) => 3,
+        };
         if ends.commands.slots() < needed {
             return Err(HostError::Busy);
         }
@@ -324,4 +327,33 @@ impl Hosts {
 /// A panic elsewhere leaves whole values behind: every change here is one assignment.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::StateDir;
+    use crate::control::{Record, Setpoint};
+    use crate::link::bridge;
+
+    #[test]
+    fn whatever_waits_for_a_loop_that_hangs_there_is_a_place_for_stop() {
+        let state = tempfile::tempdir().unwrap();
+        let definition = DeviceDefinition::load("two-link").unwrap();
+        let state = StateDir::open(state.path()).unwrap();
+        let (file, scene) = state.scene(&definition.name).unwrap();
+        let (_loop, _stream, _records, supervisor) =
+            bridge::<Setpoint, Report, Record, _, _>(&Setpoint::NONE);
+        let (recorder, _messages) = mpsc::channel();
+        let latest = LatestReport::default();
+        let host = DeviceHost::new(definition, supervisor, scene, file, latest, recorder);
+        let asked = [ModeCommand::Enable, ModeCommand::Disable, ModeCommand::Enable];
+        for command in asked {
+            assert!(matches!(host.change_mode(command), Err(HostError::Unresponsive)));
+        }
+        assert!(matches!(host.change_mode(ModeCommand::Disable), Err(HostError::Busy)));
+        assert!(matches!(host.home(), Err(HostError::Busy)));
+        // It is on its way, and comes into force when the loop goes on.
+        assert!(matches!(host.change_mode(ModeCommand::Stop), Err(HostError::Unresponsive)));
+    }
 }

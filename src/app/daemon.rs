@@ -124,6 +124,8 @@ impl Daemon {
         self.services.close();
         self.stream.stop();
         self.services.stop();
+        // All of them let go before anything that takes its time.
+        self.devices.iter_mut().for_each(RunningDevice::let_go);
         self.devices.iter_mut().for_each(RunningDevice::stop);
     }
 }

@@ -175,9 +175,15 @@ impl RunningDevice {
         figures
     }
 
-    /// Lets go of the device; everything that it did is in the figures then.
-    pub(super) fn stop(&mut self) {
+    /// Lets go of the device.
+    pub(super) fn let_go(&mut self) {
         self.rt.stop();
+    }
+
+    /// Takes in what the loop has left behind: everything that the device did is in the figures
+    /// then, and its black boxes on disk.
+    pub(super) fn stop(&mut self) {
+        self.let_go();
         self.feed.stop();
         self.keeper.join();
     }

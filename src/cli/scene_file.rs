@@ -3,7 +3,8 @@
 //! The file is TOML with the keys of `scene.proto`: what `show` prints, `load` takes back
 //! unchanged. It has no device and no revision in it, so it fits any device.
 
-use std::io::Read;
+use std::fs::File;
+use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
@@ -85,7 +86,7 @@ impl SceneCommand {
             Action::Save { file } => {
                 let scene = get(scenes, name).await?;
                 let text = scene_text(&scene)?;
-                std::fs::write(&file, text)
+                write_whole(&file, &text)
                     .with_context(|| format!("cannot write {}", file.display()))?;
                 say_done(&scene, as_json);
                 Ok(())
@@ -111,6 +112,24 @@ impl SceneCommand {
 
 async fn get(scenes: &mut SceneServiceClient<Channel>, name: String) -> anyhow::Result<Scene> {
     Ok(scenes.get_scene(GetSceneRequest { name }).await.map_err(plain)?.into_inner())
+}
+
+/// In place of what was there only when it is whole: a full disk costs nothing.
+fn write_whole(file: &Path, text: &str) -> std::io::Result<()> {
+    if file.exists() && !file.is_file() {
+        // A pipe or a terminal.
+        return std::fs::write(file, text);
+    }
+    let mut beside = file.as_os_str().to_owned();
+    beside.push(".new");
+    let written = File::create(&beside).and_then(|mut new| {
+        new.write_all(text.as_bytes())?;
+        new.sync_all()
+    });
+    written.and_then(|()| std::fs::rename(&beside, file)).inspect_err(|_| {
+        // What is half written is of no use to anybody.
+        let _ = std::fs::remove_file(&beside);
+    })
 }
 
 async fn watch(

@@ -312,6 +312,9 @@ async fn answer_calls(hub: Shared, mut calls: SessionCalls) {
         let mut hub = hub.borrow_mut();
         call(&mut hub.sessions, now_ns());
         hub.act();
+        drop(hub);
+        // Datagrams and ticks first, however many calls wait.
+        tokio::task::yield_now().await;
     }
 }
 

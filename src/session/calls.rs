@@ -6,7 +6,7 @@
 
 use crate::proto::{ByeReason, Hello, Welcome};
 
-use super::handshake::Refusal;
+use super::handshake::{self, Refusal};
 use super::peer::Peer;
 use super::{Role, SessionId, SessionInfo, Sessions, StaleReason, TooManySessions, Transport};
 
@@ -82,13 +82,22 @@ impl Sessions {
         if let Some(peer) = self.peers.get_mut(&id) {
             peer.join(transport, now_ns);
             self.say_welcome(id, now_ns);
+            self.watch_hand(now_ns);
         }
     }
 
-    /// A stream came with a ticket that no session waits for.
-    pub(super) fn refuse_ticket(&mut self, id: SessionId, now_ns: u64) {
-        let said = "ticket: no session waits for it: it was joined already, or not within 10 s";
-        self.broken(id, said, now_ns);
+    /// A stream came with a ticket that no session waits for, or in another version.
+    pub(super) fn refuse_ticket(&mut self, id: SessionId, hello: &Hello, now_ns: u64) {
+        match handshake::check_version(hello) {
+            Ok(()) => {
+                let said =
+                    "ticket: no session waits for it: it was joined already, or not within 10 s";
+                self.broken(id, said, now_ns);
+            }
+            Err(Refusal { reason, detail }) => {
+                self.close(id, reason, &detail, StaleReason::Disconnected, now_ns);
+            }
+        }
     }
 
     /// Sends a session away.

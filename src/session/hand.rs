@@ -7,6 +7,7 @@
 use nalgebra::Vector3;
 
 use super::command::{MAX_SEQ, Refusal};
+use super::peer::Peer;
 use super::workspace::Workspace;
 use super::{Outcome, Output, Role, SessionId, Sessions};
 use crate::proto;
@@ -77,9 +78,12 @@ impl Sessions {
 
     /// The session that may pull.
     fn newest_hand(&self) -> Option<SessionId> {
-        let is_hand = |open: &super::peer::Open| open.role == Role::Hand;
+        let is_hand = |peer: &Peer| {
+            let role = peer.open.as_ref().map(|open| open.role);
+            role == Some(Role::Hand) && peer.waiting.is_none()
+        };
         let mut newest_first = self.peers.iter().rev();
-        newest_first.find(|(_, peer)| peer.open.as_ref().is_some_and(is_hand)).map(|(id, _)| *id)
+        newest_first.find(|(_, peer)| is_hand(peer)).map(|(id, _)| *id)
     }
 
     /// Lets go where the one that pulls is not the one that may, or has said nothing for

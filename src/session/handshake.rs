@@ -46,11 +46,7 @@ impl From<FieldError> for Refusal {
 
 /// The terms that a Hello asks for.
 pub(super) fn agree(hello: &Hello, config: &SessionConfig) -> Result<Terms, Refusal> {
-    if choose(&hello.versions).is_none() {
-        let offered = shown(&hello.versions.join(", "));
-        let error = FieldError::new("versions", offered, format!("must contain {PROTOCOL}"));
-        return Err(refusal(ByeReason::Version, &error));
-    }
+    check_version(hello)?;
     let several = config.devices.len() > 1;
     if hello.device != config.device_name() && (several || !hello.device.is_empty()) {
         let names: Vec<_> = config.devices.iter().map(|name| format!("devices/{name}")).collect();
@@ -70,6 +66,16 @@ pub(super) fn agree(hello: &Hello, config: &SessionConfig) -> Result<Terms, Refu
         detail: hello.detail,
         workspace: Workspace::agree(hello.workspace.as_ref())?,
     })
+}
+
+/// Refuses who speaks another protocol.
+pub(super) fn check_version(hello: &Hello) -> Result<(), Refusal> {
+    if choose(&hello.versions).is_some() {
+        return Ok(());
+    }
+    let offered = shown(&hello.versions.join(", "));
+    let error = FieldError::new("versions", offered, format!("must contain {PROTOCOL}"));
+    Err(refusal(ByeReason::Version, &error))
 }
 
 fn refusal(reason: ByeReason, error: &FieldError) -> Refusal {

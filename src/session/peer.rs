@@ -114,6 +114,10 @@ impl Peer {
     /// The stream that it waited for is there.
     pub fn join(&mut self, transport: Transport, now_ns: u64) {
         (self.waiting, self.transport, self.heard_ns) = (None, transport, now_ns);
+        if let Some(open) = &mut self.open {
+            // Its commands are judged from now on, as if this were its Hello.
+            (open.welcomed_ns, open.pinger) = (now_ns, Pinger::new(now_ns));
+        }
     }
 
     /// Something came from it, whatever it was.

@@ -13,7 +13,7 @@ use crate::wire::FrameError;
 
 use super::{
     CallRefusal, LeaseInfo, Output, SessionConfig, SessionId, SessionInfo, Sessions, Ticket,
-    TooManySessions, Transport,
+    TooManySessions, Transport, handshake,
 };
 
 /// The sessions of every device of a server.
@@ -176,6 +176,7 @@ impl Switchboard {
     fn join(&mut self, newcomer: SessionId, hello: &Hello, now_ns: u64) -> SessionId {
         let Some(from) = self.places.get(&newcomer).copied() else { return newcomer };
         let waiting = self.devices.iter().find_map(|device| device.waiting_with(&hello.ticket));
+        let waiting = waiting.filter(|_| handshake::check_version(hello).is_ok());
         let to = waiting.and_then(|id| Some((id, *self.places.get(&id)?)));
         if let Some((id, place)) = to
             && let Some(peer) = self.devices[from].let_go(newcomer)
@@ -184,7 +185,7 @@ impl Switchboard {
             self.devices[place].join_waiting(id, peer.transport, now_ns);
             return id;
         }
-        self.devices[from].refuse_ticket(newcomer, now_ns);
+        self.devices[from].refuse_ticket(newcomer, hello, now_ns);
         newcomer
     }
 

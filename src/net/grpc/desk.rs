@@ -1,8 +1,9 @@
 //! Where calls for one device wait their turn.
 //!
-//! What blocks goes through a [`Lane`]: scene edits, which wait for the disk, through one;
-//! changes of mode through another; and Stop through one of its own, so that nothing that
-//! anybody else has asked for can keep it waiting. Each device has its own.
+//! What blocks or takes long goes through a [`Lane`]: scene edits, which wait for the disk,
+//! through one; settings, explanations and changes of mode through others; and Stop through one
+//! of its own, so that nothing that anybody else has asked for can keep it waiting. Each device
+//! has its own.
 
 use std::sync::Arc;
 
@@ -29,6 +30,8 @@ pub struct Desk {
     pub edits: Lane,
     /// For settings.
     pub settings: Lane,
+    /// For what takes milliseconds of thought: explanations.
+    pub looks: Lane,
     /// For changes of mode.
     pub modes: Lane,
     /// For Stop alone.
@@ -40,8 +43,8 @@ pub struct Desk {
 impl Desk {
     fn new(host: Arc<DeviceHost>) -> Self {
         let newest_scene = Arc::new(watch::Sender::new(host.scene()));
-        let (edits, settings, modes, stops) = Default::default();
-        Self { host, edits, settings, modes, stops, newest_scene }
+        let [edits, settings, looks, modes, stops] = std::array::from_fn(|_| Lane::default());
+        Self { host, edits, settings, looks, modes, stops, newest_scene }
     }
 }
 

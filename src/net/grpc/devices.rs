@@ -214,17 +214,18 @@ impl DeviceService for Devices {
         request: Request<proto::ExplainRequest>,
     ) -> Result<Response<proto::Explanation>, Status> {
         let request = request.into_inner();
-        let Desk { host, .. } = self.find(&request.name)?;
-        let who = explain::who(&self.sessions, names::device(host), &request.session).await?;
-        Ok(Response::new(explain::of_last_tick(host, &request, who).await?))
+        let desk = self.find(&request.name)?;
+        let device = names::device(&desk.host);
+        let who = explain::who(&self.sessions, device, &request.session).await?;
+        Ok(Response::new(explain::of_last_tick(desk, &request, who).await?))
     }
 
     async fn get_manipulability(
         &self,
         request: Request<proto::GetManipulabilityRequest>,
     ) -> Result<Response<proto::Manipulability>, Status> {
-        let Desk { host, .. } = self.find(&request.get_ref().name)?;
-        Ok(Response::new(manipulability::get(host, request.get_ref()).await?))
+        let desk = self.find(&request.get_ref().name)?;
+        Ok(Response::new(manipulability::get(desk, request.get_ref()).await?))
     }
 
     async fn home(

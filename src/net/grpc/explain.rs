@@ -1,7 +1,10 @@
 //! Explain: the account of the last tick, with what its report does not say.
 
+use std::sync::Arc;
+
 use tonic::Status;
 
+use super::desk::Desk;
 use super::devices::report;
 use super::{convert, field_status, names};
 use crate::actuation::ShaftMotion;
@@ -55,13 +58,17 @@ pub async fn who(desk: &SessionDesk, device: String, session: &str) -> Result<Wh
 
 /// Explains the last tick to whom it may concern.
 pub async fn of_last_tick(
-    host: &DeviceHost,
+    desk: &Desk,
     request: &proto::ExplainRequest,
     mut who: Who,
 ) -> Result<proto::Explanation, Status> {
     who.asked_by = who.asked_by.or(role(request.role)?);
-    let report = report(host).await;
-    Ok(to_proto(host, &report, &explain(&report, &circumstances(host, &report, &who))))
+    let report = report(&desk.host).await;
+    let host = Arc::clone(&desk.host);
+    let told = move || {
+        Ok(to_proto(&host, &report, &explain(&report, &circumstances(&host, &report, &who))))
+    };
+    desk.looks.run(told).await
 }
 
 fn circumstances<'a>(host: &DeviceHost, report: &Report, who: &'a Who) -> Circumstances<'a> {

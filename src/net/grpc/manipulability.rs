@@ -1,7 +1,10 @@
 //! GetManipulability: what the actuators can do where the handle is, or would be.
 
+use std::sync::Arc;
+
 use tonic::Status;
 
+use super::desk::Desk;
 use super::devices::report;
 use super::{convert, field_status, names};
 use crate::analysis::manipulability::{manipulability, shaft_motion};
@@ -24,10 +27,11 @@ const ANGLE: Range = Range::new(-100.0, 100.0, "rad");
 
 /// The account of a posture.
 pub async fn get(
-    host: &DeviceHost,
+    desk: &Desk,
     request: &proto::GetManipulabilityRequest,
 ) -> Result<proto::Manipulability, Status> {
     let refused = |error: FieldError| field_status(&error);
+    let host = &desk.host;
     let report = report(host).await;
     let directions = directions(request.directions).map_err(refused)?;
     let posture = posture(host, request, &report).map_err(refused)?;
@@ -36,7 +40,8 @@ pub async fn get(
         (None, None) => motion_rad(host, &report),
         (None, Some(_)) => None,
     };
-    Ok(to_proto(host, &posture, motion_rad, directions))
+    let host = Arc::clone(host);
+    desk.looks.run(move || Ok(to_proto(&host, &posture, motion_rad, directions))).await
 }
 
 fn directions(asked: u32) -> Result<usize, FieldError> {

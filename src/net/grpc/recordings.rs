@@ -3,7 +3,7 @@
 use std::io::Read;
 use std::sync::Arc;
 
-use tokio::sync::{mpsc, watch};
+use tokio::sync::{Semaphore, mpsc, watch};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status};
 
@@ -22,17 +22,21 @@ use crate::proto::{
 const PIECE: usize = 64 * 1024;
 const PIECES: usize = 4;
 
+/// Calls that work at a time.
+const AT_WORK: usize = 4;
+
 /// The service.
 pub struct Recordings {
     desks: Desks,
     archive: Arc<Archive>,
+    at_work: Semaphore,
     stopped: watch::Receiver<bool>,
 }
 
 impl Recordings {
     /// Of these devices.
     pub fn new(desks: Desks, archive: Arc<Archive>, stopped: watch::Receiver<bool>) -> Self {
-        Self { desks, archive, stopped }
+        Self { desks, archive, at_work: Semaphore::new(AT_WORK), stopped }
     }
 
     /// The device that a recording is of.
@@ -46,6 +50,9 @@ impl Recordings {
         &self,
         work: impl FnOnce(&Archive) -> Result<T, ArchiveError> + Send + 'static,
     ) -> Result<T, Status> {
+        // Few at a time: whoever waits here takes no thread that a Stop may need.
+        let place = self.at_work.acquire().await;
+        let _place = place.map_err(|error| Status::internal(error.to_string()))?;
         let archive = Arc::clone(&self.archive);
         let done = tokio::task::spawn_blocking(move || work(&archive)).await;
         let done = done.map_err(|error| Status::internal(error.to_string()))?;

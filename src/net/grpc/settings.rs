@@ -48,6 +48,7 @@ pub async fn update(
     let wanted = request.settings.unwrap_or_default();
     let paths = request.update_mask.unwrap_or_default().paths;
     let leaves = leaves(&paths).map_err(|error| field_status(&error))?;
+    let told = leaves.clone();
     let editing = Arc::clone(&host);
     let edit = move || {
         editing.edit_settings(wanted.revision, |settings| {
@@ -55,7 +56,7 @@ pub async fn update(
         })
     };
     let changed = lane.run(edit).await?;
-    tracing::info!(?paths, revision = changed.revision, "settings");
+    tracing::info!(changed = told.join(", "), revision = changed.revision, "settings");
     Ok(to_proto(&host, &changed))
 }
 
@@ -73,14 +74,24 @@ fn leaves(paths: &[String]) -> Result<Vec<&'static str>, FieldError> {
         let allowed = format!("must name what to change: {}", LEAVES.join(", "));
         return Err(FieldError::new("update_mask.paths", "(none)", allowed));
     }
+    if paths.len() > LEAVES.len() {
+        let (count, most) = (format!("{} of them", paths.len()), LEAVES.len());
+        return Err(FieldError::new("update_mask.paths", count, format!("must be at most {most}")));
+    }
     let mut found = Vec::new();
     for (i, path) in paths.iter().enumerate() {
-        let before = found.len();
-        found.extend(LEAVES.into_iter().filter(|leaf| {
+        let named = LEAVES.into_iter().filter(|leaf| {
             let inner = leaf.strip_prefix(path.as_str());
             inner.is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
-        }));
-        if found.len() == before {
+        });
+        let named: Vec<_> = named.collect();
+        let none = named.is_empty();
+        for leaf in named {
+            if !found.contains(&leaf) {
+                found.push(leaf);
+            }
+        }
+        if none {
             let field = format!("update_mask.paths[{i}]");
             let allowed = format!("must be one of {}, or what holds them", LEAVES.join(", "));
             return Err(FieldError::new(field, format!("{path:?}"), allowed));

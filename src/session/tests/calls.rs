@@ -43,13 +43,15 @@ fn a_stream_joins_the_session_that_a_call_has_opened() {
     let refused = bye(&outputs(&mut board), rival).unwrap();
     assert_eq!(refused.0, ByeReason::LeaseHeld);
 
-    let newcomer = board.connect(Transport::Quic, 2 * MS).unwrap();
-    let joined = board.on_message(newcomer, with_ticket(TICKET), 2 * MS);
+    let newcomer = board.connect(Transport::Quic, 800 * MS).unwrap();
+    // Its first command answers no State, and is as old as the joining, not as the call.
+    let late_ns = 900 * MS;
+    let joined = board.on_message(newcomer, with_ticket(TICKET), late_ns);
     assert_eq!(joined, named(&opened));
     let welcomed = outputs(&mut board);
     let again = welcome(&welcomed).unwrap();
     assert_eq!((&again.session, again.lease_epoch), (&opened.session, 1));
-    board.on_datagram(joined, &datagram(wall_command(1, 0, 0)), 3 * MS);
+    board.on_datagram(joined, &datagram(wall_command(1, 0, 0)), late_ns + MS);
     assert_eq!(setpoints(&outputs(&mut board)).len(), 1);
     board.device(1).unwrap().on_report(&report(4), 4 * MS);
     assert!(states(&outputs(&mut board)).iter().all(|(to, _)| *to == joined));
@@ -63,10 +65,14 @@ fn a_ticket_is_good_once_and_for_ten_seconds() {
         (id, known_as, bye(&outputs(board), id))
     };
     let mut board = board();
-    board.open(&to("left", Role::Observer), TICKET, 0).unwrap();
+    let opened = board.open(&to("left", Role::Observer), TICKET, 0).unwrap();
     let (id, known_as, refused) = join(&mut board, [8; 16], MS);
     assert_eq!((id, refused.unwrap().0), (known_as, ByeReason::Invalid));
-    assert_ne!(join(&mut board, TICKET, 2 * MS).1, SessionId(0));
+    let newcomer = board.connect(Transport::Quic, MS).unwrap();
+    let other = say(Body::Hello(Hello { ticket: TICKET.to_vec(), ..Hello::default() }));
+    assert_eq!(board.on_message(newcomer, other, MS), newcomer);
+    assert_eq!(bye(&outputs(&mut board), newcomer).unwrap().0, ByeReason::Version);
+    assert_eq!(join(&mut board, TICKET, 2 * MS).1, named(&opened));
     let (id, known_as, refused) = join(&mut board, TICKET, 3 * MS);
     assert!(id == known_as && refused.unwrap().1.contains("ticket"));
 
