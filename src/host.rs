@@ -73,6 +73,8 @@ pub struct DeviceHost {
     settings: Mutex<SettingsInForce>,
     latest: LatestReport,
     recorder: mpsc::Sender<Message>,
+    /// A person pulls its simulated handle, where mount and tool of the device file say.
+    has_pointer: bool,
     /// Generation of the last plan made.
     generation: AtomicU64,
     /// When the last reply of the loop was seen.
@@ -121,6 +123,7 @@ impl DeviceHost {
             settings,
             latest,
             recorder,
+            has_pointer: false,
             generation,
             acknowledged_ns,
         };
@@ -158,6 +161,17 @@ impl DeviceHost {
             self.tell_recorder(Message::Snapshot { after_tick, entry });
         }
         Ok(())
+    }
+
+    /// The same device with a hand that a person moves: its mount and tool offset stay.
+    #[must_use]
+    pub fn with_pointer(self) -> Self {
+        Self { has_pointer: true, ..self }
+    }
+
+    /// Whether a person pulls its handle.
+    pub fn has_pointer(&self) -> bool {
+        self.has_pointer
     }
 
     /// What the device is.

@@ -67,6 +67,7 @@ impl ReadyDevice {
         telemetry: &Telemetry,
         black_box_s: f64,
     ) -> anyhow::Result<(ConnectedDevice, StreamDevice)> {
+        let takes_hands = self.takes_hands();
         let Self { definition, scene, scene_file, device, pointer } = self;
         let name = definition.name.as_str();
         let (rights, metrics) = (telemetry.device(name), telemetry.device(name));
@@ -94,6 +95,7 @@ impl ReadyDevice {
         let feed = Feed::prepare(definition.tick_ns);
         let latest = feed.latest.clone();
         let host = DeviceHost::new(definition, supervisor, scene, scene_file, latest, to_recorder);
+        let host = if takes_hands { host.with_pointer() } else { host };
         let connected = ConnectedDevice {
             host: Arc::new(host),
             cycle,

@@ -2,7 +2,8 @@
 
 use hapticd::proto::{
     DisableRequest, EnableRequest, GetDescriptionRequest, GetSettingsRequest, GetStateRequest,
-    GuardSettings, Limit, Role, Settings, Strategy, ToolSettings, UpdateSettingsRequest, Vector3,
+    GuardSettings, Limit, Role, Settings, State, Strategy, ToolSettings, UpdateSettingsRequest,
+    Vector3,
 };
 use prost_types::FieldMask;
 use tonic::{Code, Status};
@@ -112,30 +113,33 @@ fn settings_are_in_force_when_they_are_answered_and_stay_with_a_scene_edit() {
         run(&[&wall[..], &["--stiffness", "500", "--connect", &connect]].concat()).ok();
         let seen = devices.get_state(state()).await.unwrap().into_inner();
         assert_eq!((z_m(&seen), seen.scene_revision), (0.25, 2), "kept with the scene's edit");
-        // Far inside by the tool's offset, and so given away; the law is the one asked for.
-        if seen.law() != Strategy::Unspecified {
-            assert_eq!(seen.law(), Strategy::NearestReference);
-        }
+        let breeze = ["ctl", "object", "add", "breeze", "constant", "--force", "0,5,0"];
+        run(&[&breeze[..], &["--connect", &connect]].concat()).ok();
+        let seen = devices.get_state(state()).await.unwrap().into_inner();
+        assert_eq!(seen.law(), Strategy::NearestReference);
     });
 }
 
 #[test]
 fn after_enable_the_force_grows() {
     let rig = Rig::start();
+    let connect = rig.target().to_string();
+    let breeze = ["ctl", "object", "add", "breeze", "constant", "--force", "0,5,0"];
+    run(&[&breeze[..], &["--connect", &connect]].concat()).ok();
     rig.run(async {
         let mut devices = rig.services().await.devices;
-        let slowly = Settings { activation_ramp_ms: 10_000.0, ..Settings::default() };
+        let slowly = Settings { activation_ramp_ms: 1_000.0, ..Settings::default() };
         devices.update_settings(change(&["activation_ramp_ms"], slowly)).await.unwrap();
         devices.disable(DisableRequest { name: DEVICE.into() }).await.unwrap();
         devices.enable(EnableRequest { name: DEVICE.into() }).await.unwrap();
-        let state = devices.get_state(GetStateRequest { name: DEVICE.into() }).await.unwrap();
-        assert!(state.get_ref().limits().any(|limit| limit == Limit::Activation));
         let bit = 1 << (Limit::Activation as u32 - 1);
+        let growing = |state: &State| state.limits & bit != 0;
         let mut observer = rig.client("observer", Role::Observer).await;
-        state_where(&mut observer, |state| state.limits & bit != 0).await;
-        let at_once = Settings { activation_ramp_ms: 0.0, ..Settings::default() };
-        devices.update_settings(change(&["activation_ramp_ms"], at_once)).await.unwrap();
-        state_where(&mut observer, |state| state.limits & bit == 0).await;
+        // Asked is what the field wants all the while; chosen is less of it.
+        let state = state_where(&mut observer, growing).await;
+        assert!((state.requested[1] - 5.0).abs() < 1e-6, "{:?}", state.requested);
+        assert!(state.achievable[1] < 4.999, "{:?}", state.achievable);
+        state_where(&mut observer, |state| !growing(state)).await;
     });
 }
 

@@ -91,6 +91,13 @@ fn a_reader_that_is_too_slow_is_told_what_it_missed() {
             (last, missed) = (told.event.unwrap().id, missed + told.missed);
         }
         assert_eq!(missed, 0, "what is kept is told without a gap");
+        // The one that was there all the while and did not read is told of every gap, too.
+        let mut last = first;
+        while last < newest {
+            let told = slow.message().await.unwrap().unwrap();
+            assert_eq!(told.event.unwrap().id, last + told.missed + 1);
+            last = told.event.unwrap().id;
+        }
     });
 }
 

@@ -48,6 +48,12 @@ pub async fn update(
     let wanted = request.settings.unwrap_or_default();
     let paths = request.update_mask.unwrap_or_default().paths;
     let leaves = leaves(&paths).map_err(|error| field_status(&error))?;
+    let fixed = |leaf: &&&str| leaf.starts_with("mount.") || **leaf == "tool.offset_m";
+    if let Some(leaf) = leaves.iter().find(fixed).filter(|_| host.has_pointer()) {
+        let allowed = "must stay: a person pulls this handle (--hand pointer), where mount and \
+                       tool of the device file say; change it there";
+        return Err(field_status(&FieldError::new(format!("settings.{leaf}"), "(new)", allowed)));
+    }
     let told = leaves.clone();
     let editing = Arc::clone(&host);
     let edit = move || {
