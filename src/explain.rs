@@ -65,7 +65,7 @@ pub enum Reason {
     DeviceRange,
     /// An actuator is at its torque limit.
     TorqueLimit,
-    /// The device was enabled a moment ago.
+    /// The device was enabled, or the gain or limit raised, a moment ago.
     Activation,
     /// A soft force is still growing as fast as it may.
     Slew,
@@ -290,7 +290,9 @@ fn always(reason: Reason) -> &'static str {
         Reason::ForceLimit => "More is asked than the force limit.",
         Reason::DeviceRange => "More is asked than the device has here in that direction.",
         Reason::TorqueLimit => "An actuator gives all the torque that it has.",
-        Reason::Activation => "The device was enabled a moment ago: the force still grows.",
+        Reason::Activation => {
+            "The device was enabled, or the gain or limit raised, a moment ago: the force still grows."
+        }
         Reason::Slew => "A soft force is still growing, as fast as the slew limit lets it.",
         Reason::TooManyContacts => {
             "More surfaces are touched than a law considers; the strongest count."

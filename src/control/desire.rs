@@ -207,7 +207,8 @@ impl Request {
         }
     }
 
-    /// Gives this share of everything, because the device was enabled a moment ago.
+    /// Gives this share of everything, because the device was enabled, or a gain or limit
+    /// raised, a moment ago.
     pub fn grow(&mut self, share: f64) {
         if share < 1.0 {
             self.limits.set(Limit::Activation, true);

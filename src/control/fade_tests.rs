@@ -264,3 +264,23 @@ fn a_clutch_whose_controller_falls_silent_ends_and_only_the_scene_comes_back() {
     let report = rig.tick();
     assert!(report.contact_count == 1 && rig.total_N() > 3.0);
 }
+
+#[test]
+fn a_longer_ramp_that_is_set_during_a_fade_does_not_raise_the_force() {
+    let mut rig = Rig::new(false);
+    rig.plan.guards.stale_ramp_ns = 1_000 * MS;
+    rig.press(Setpoint::NONE.with_contacts(&contacts()));
+    let whole_N = rig.total_N();
+    rig.now_ns = rig.setpoint.received_ns + rig.setpoint.ttl_ns + 1;
+    let mut last_N = whole_N;
+    for ms in 0..=1_000 {
+        if ms == 900 {
+            rig.plan.guards.stale_ramp_ns = 10_000 * MS;
+            assert!(last_N < 0.11 * whole_N && last_N > 0.0);
+        }
+        rig.tick();
+        assert!(rig.total_N() <= last_N + 1e-9, "{last_N} to {} N, {ms} ms", rig.total_N());
+        last_N = rig.total_N();
+    }
+    assert_eq!(last_N, 0.0);
+}

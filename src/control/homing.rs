@@ -79,6 +79,8 @@ impl ControlState {
         homing.home = Some(homing.newest.ok_or(HomeRefusal::NoSample)?);
         self.estimator.reset();
         self.forget_surfaces();
+        // Nobody moved the handle from the old place to this one.
+        self.tool = None;
         Ok(())
     }
 }

@@ -1,7 +1,10 @@
 //! Homing at the level of a tick: counts from anywhere, and what is lost with the device.
 
+use nalgebra::Vector3;
+
 use super::*;
 use crate::config::{DeviceDefinition, Scene, build_plan};
+use crate::environment::{Element, Material, SceneItem, Shape, Surface};
 use crate::notation::PlaneVector;
 
 const HOME_M: [f64; 2] = [0.3, 0.1];
@@ -9,6 +12,7 @@ const HOME_M: [f64; 2] = [0.3, 0.1];
 struct Rig {
     plan: Box<Plan>,
     state: ControlState,
+    setpoint: Setpoint,
     now_ns: u64,
 }
 
@@ -18,14 +22,15 @@ impl Rig {
         let mut plan = Box::new(build_plan(&device, &Scene::default()));
         let home = PlaneVector::new(HOME_M[0], HOME_M[1], 0.0);
         plan.home_rad = Some(plan.mechanism.posture_at(&home).expect("inside").shaft_rad);
-        Self { plan, state: ControlState::new(Mode::Disabled), now_ns: 0 }
+        let state = ControlState::new(Mode::Disabled);
+        Self { plan, state, setpoint: Setpoint::NONE, now_ns: 0 }
     }
 
     fn tick(&mut self, sample: Result<Sample, DeviceError>) -> Report {
         self.now_ns += self.plan.tick_ns;
         let input = TickInput {
             sample,
-            setpoint: &Setpoint::NONE,
+            setpoint: &self.setpoint,
             plan: &self.plan,
             now_ns: self.now_ns,
             overruns_in_row: 0,
@@ -102,4 +107,48 @@ fn absolute_encoders_refuse_home() {
     rig.plan.home_rad = None;
     rig.tick(Ok(Sample::at(&rig.plan, &PlaneVector::new(0.3, 0.1, 0.0))));
     assert!(rig.ask(ControlCommand::Home).unwrap_err().contains("encoders are absolute"));
+}
+
+/// The side that the rig comes from: what is beyond x = 0.35 m towards the base is solid.
+fn wall_towards_the_base() -> Box<[SceneItem]> {
+    let shape =
+        Shape::HalfSpace { point_W_m: Vector3::new(0.35, 0.0, 0.0), normal_W: Vector3::x() };
+    let material = Material { stiffness_N_per_m: 1e4, ..Material::default() };
+    let surface = Surface { shape, material, hollow: false, blend_s: 0.0 };
+    [SceneItem { slot: 3, revision: 1, element: Element::Surface(surface) }].into()
+}
+
+#[test]
+fn a_device_that_lost_its_place_touches_nothing_and_has_no_command_in_force() {
+    let mut rig = Rig::new();
+    rig.plan.scene = wall_towards_the_base();
+    rig.at(HOME_M[0], HOME_M[1]);
+    rig.ask(ControlCommand::Home).expect("disabled, and sensed");
+    rig.setpoint = Setpoint::NONE.with_wrench(Wrench::default());
+    (rig.setpoint.epoch, rig.setpoint.seq, rig.setpoint.ttl_ns) = (1, 5, u64::MAX);
+    rig.at(0.36, 0.0);
+    let report = rig.at(0.34, 0.0);
+    assert_eq!((report.contact_count, report.command_seq), (1, 5));
+    let report = rig.tick(Err(DeviceError::Timeout));
+    assert_eq!((report.contact_count, report.command_seq), (1, 5), "one sample is no matter");
+    let report = rig.tick(Err(DeviceError::Disconnected));
+    assert_eq!((report.contact_count, report.command_seq), (0, 0));
+    let ended = Event::ContactEnd { source: crate::environment::Source::Scene, id: 3 };
+    assert!(report.events.contains(&Some(ended)), "{:?}", report.events);
+    let report = rig.at(0.34, 0.0);
+    assert_eq!((report.homed, report.contact_count, report.command_seq), (false, 0, 0));
+}
+
+#[test]
+fn the_way_from_the_old_place_to_the_home_place_touches_nothing() {
+    let mut rig = Rig::new();
+    rig.plan.scene = wall_towards_the_base();
+    rig.at(HOME_M[0], HOME_M[1]);
+    rig.ask(ControlCommand::Home).expect("disabled, and sensed");
+    // Outside of the wall; then this place is said to be the home place, which is inside.
+    assert_eq!(rig.at(0.4, 0.0).contact_count, 0);
+    rig.ask(ControlCommand::Home).expect("disabled, and sensed");
+    let report = rig.at(0.4, 0.0);
+    assert!((report.p_WT_m.x - HOME_M[0]).abs() < 2e-4);
+    assert!(report.requested.force_N.norm() < 1e-3, "{}", report.requested.force_N);
 }

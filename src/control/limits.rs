@@ -22,7 +22,7 @@ pub enum Limit {
     Constraints,
     /// The controller's workspace is lifted off the device: nothing is rendered.
     Clutch,
-    /// The device was enabled a moment ago: the force still grows.
+    /// The device was enabled, or a gain or limit raised, a moment ago: the force still grows.
     Activation,
 }
 

@@ -179,7 +179,7 @@ pub struct Record {
     pub report: Report,
     /// From when the tick was due to when it began.
     pub wakeup_lateness_ns: u64,
-    /// The law alone, device aside.
+    /// Commands obeyed and the law, device aside.
     pub execution_ns: u64,
     /// Reading and writing the device.
     pub device_io_ns: u64,

@@ -25,10 +25,12 @@ impl ControlState {
             estimator,
             authority,
             activation,
+            begins,
             stuck,
             law,
             was_stuck,
             scene,
+            used,
             contacts,
             tool,
             command,
@@ -43,7 +45,7 @@ impl ControlState {
         } = other;
         (self.tick, self.mode, self.fault) = (*tick, *mode, *fault);
         (self.authority, self.stuck, self.law) = (*authority, *stuck, *law);
-        self.activation = *activation;
+        (self.activation, self.begins, self.used) = (*activation, *begins, *used);
         (self.was_stuck, self.tool, self.command) = (*was_stuck, *tool, *command);
         (self.before, self.soft_BH_N, self.commands) = (*before, *soft_BH_N, *commands);
         (self.last, self.touched, self.blind_ticks) = (*last, *touched, *blind_ticks);

@@ -41,8 +41,9 @@ enum Phase {
     Gone,
     /// All of it.
     Fresh,
-    /// At most this force, and less every tick.
-    Fading { since_ns: u64, force_N: f64 },
+    /// At most this force, and less every tick; along the ramp that was set when it began, so
+    /// that a longer one set meanwhile does not raise it.
+    Fading { since_ns: u64, force_N: f64, ramp_ns: u64 },
 }
 
 /// What became of the command in one tick.
@@ -88,13 +89,13 @@ impl Authority {
     }
 
     /// Most that the controller may ask in sum now, newtons.
-    pub fn cap_N(&self, now_ns: u64, ramp_ns: u64) -> f64 {
-        self.command.cap_N(now_ns, ramp_ns)
+    pub fn cap_N(&self, now_ns: u64) -> f64 {
+        self.command.cap_N(now_ns)
     }
 
     /// Most that everybody may ask in sum now, newtons; endless where nothing is clutched.
-    pub fn clutch_cap_N(&self, now_ns: u64, ramp_ns: u64) -> f64 {
-        self.clutch.cap_N(now_ns, ramp_ns)
+    pub fn clutch_cap_N(&self, now_ns: u64) -> f64 {
+        self.clutch.cap_N(now_ns)
     }
 
     /// True while it fades because the controller fell silent or let go.
@@ -113,19 +114,20 @@ impl Phase {
         if live {
             *self = Self::Fresh;
         } else if *self == Self::Fresh {
-            *self = Self::Fading { since_ns: now_ns, force_N };
+            *self = Self::Fading { since_ns: now_ns, force_N, ramp_ns };
         }
-        if matches!(*self, Self::Fading { since_ns, .. } if now_ns.saturating_sub(since_ns) >= ramp_ns)
+        if let Self::Fading { since_ns, ramp_ns, .. } = *self
+            && now_ns.saturating_sub(since_ns) >= ramp_ns
         {
             *self = Self::Gone;
         }
     }
 
-    fn cap_N(self, now_ns: u64, ramp_ns: u64) -> f64 {
+    fn cap_N(self, now_ns: u64) -> f64 {
         match self {
             Self::Gone => 0.0,
             Self::Fresh => f64::INFINITY,
-            Self::Fading { since_ns, force_N } => {
+            Self::Fading { since_ns, force_N, ramp_ns } => {
                 let share = now_ns.saturating_sub(since_ns) as f64 / ramp_ns.max(1) as f64;
                 force_N * (1.0 - share).clamp(0.0, 1.0)
             }
@@ -156,14 +158,14 @@ mod tests {
     fn a_command_counts_until_its_time_to_live_then_fades_then_is_gone() {
         let mut authority = Authority::default();
         assert_eq!(authority.advance(&command(0), 100 * MS, RAMP, before(0.0, 0.0)), NOTHING);
-        assert_eq!(authority.cap_N(100 * MS, RAMP), f64::INFINITY);
+        assert_eq!(authority.cap_N(100 * MS), f64::INFINITY);
         let change = authority.advance(&command(0), 101 * MS, RAMP, before(10.0, 12.0));
         assert!(change.ran_out, "it says so, once");
         assert_eq!(authority.advance(&command(0), 126 * MS, RAMP, before(99.0, 99.0)), NOTHING);
-        assert!((authority.cap_N(126 * MS, RAMP) - 5.0).abs() < 1e-9 && authority.is_fading());
-        assert_eq!(authority.clutch_cap_N(126 * MS, RAMP), f64::INFINITY, "the scene stays");
+        assert!((authority.cap_N(126 * MS) - 5.0).abs() < 1e-9 && authority.is_fading());
+        assert_eq!(authority.clutch_cap_N(126 * MS), f64::INFINITY, "the scene stays");
         authority.advance(&command(0), 151 * MS, RAMP, before(99.0, 99.0));
-        assert_eq!((authority.is_fading(), authority.cap_N(151 * MS, RAMP)), (false, 0.0));
+        assert_eq!((authority.is_fading(), authority.cap_N(151 * MS)), (false, 0.0));
     }
 
     #[test]
@@ -173,7 +175,7 @@ mod tests {
         authority.advance(&command(0), 101 * MS, RAMP, before(10.0, 10.0));
         let change = authority.advance(&command(102 * MS), 103 * MS, RAMP, before(9.0, 9.0));
         assert_eq!(change, Change { returned: true, ..NOTHING });
-        assert_eq!(authority.cap_N(103 * MS, RAMP), f64::INFINITY);
+        assert_eq!(authority.cap_N(103 * MS), f64::INFINITY);
         let change = authority.advance(&command(103 * MS), 104 * MS, RAMP, before(0.0, 0.0));
         assert_eq!(change, NOTHING);
     }
@@ -196,20 +198,38 @@ mod tests {
         clutched.clutched = true;
         assert_eq!(authority.advance(&clutched, MS, RAMP, before(3.0, 10.0)), NOTHING);
         assert!(authority.is_clutched() && !authority.is_fading());
-        assert!((authority.clutch_cap_N(26 * MS, RAMP) - 5.0).abs() < 1e-9);
+        assert!((authority.clutch_cap_N(26 * MS) - 5.0).abs() < 1e-9);
         authority.advance(&clutched, 60 * MS, RAMP, before(0.0, 0.0));
-        assert_eq!(authority.clutch_cap_N(60 * MS, RAMP), 0.0);
+        assert_eq!(authority.clutch_cap_N(60 * MS), 0.0);
         let change = authority.advance(&clutched, 102 * MS, RAMP, before(0.0, 0.0));
         assert_eq!(change, Change { declutched: true, ..NOTHING }, "nothing of it ran out");
         assert!(!authority.is_clutched());
-        assert_eq!(authority.cap_N(102 * MS, RAMP), 0.0);
+        assert_eq!(authority.cap_N(102 * MS), 0.0);
+    }
+
+    #[test]
+    fn a_ramp_that_is_set_while_something_fades_does_not_raise_what_is_left() {
+        let mut authority = Authority::default();
+        authority.advance(&command(0), 0, RAMP, before(0.0, 0.0));
+        let mut clutched = command(0);
+        clutched.clutched = true;
+        clutched.ttl_ns = 10_000 * MS;
+        let mut last = (f64::INFINITY, f64::INFINITY);
+        for ms in 1..=1_001 {
+            let ramp_ns = if ms < 900 { 1_000 * MS } else { 10_000 * MS };
+            authority.advance(&clutched, ms * MS, ramp_ns, before(5.0, 10.0));
+            let caps = (authority.cap_N(ms * MS), authority.clutch_cap_N(ms * MS));
+            assert!(caps.0 <= last.0 && caps.1 <= last.1, "{last:?} to {caps:?} at {ms} ms");
+            last = caps;
+        }
+        assert_eq!(last, (0.0, 0.0), "over when the first ramp is");
     }
 
     #[test]
     fn without_a_command_there_is_nothing() {
         let mut authority = Authority::default();
         assert_eq!(authority.advance(&Setpoint::NONE, 5 * MS, RAMP, before(0.0, 0.0)), NOTHING);
-        assert_eq!(authority.cap_N(5 * MS, RAMP), 0.0);
+        assert_eq!(authority.cap_N(5 * MS), 0.0);
         assert!(!authority.is_clutched());
     }
 }

@@ -25,6 +25,8 @@ pub struct ControlState {
     pub(super) estimator: Estimator,
     pub(super) authority: Authority,
     pub(super) activation: Activation,
+    /// The device was enabled: surfaces lose their past before the first tick that renders.
+    pub(super) begins: bool,
     pub(super) stuck: StuckDetector,
     /// What the wall law remembers.
     pub(super) law: LawState,
@@ -32,6 +34,9 @@ pub struct ControlState {
     /// Of each point of the tool, by slot.
     #[serde(with = "super::snapshot::surfaces")]
     pub(super) scene: Box<[[SurfaceState; MAX_OBJECTS]]>,
+    /// Slots of `scene` that may have a past, at the points that the tool has now; every other
+    /// state there is as new.
+    pub(super) used: Slots,
     pub(super) contacts: ContactStates,
     /// The tool in the last tick, and what it was made from; `None`: surfaces have no past.
     pub(super) tool: Option<(Tool, super::Mount, super::Tool)>,
@@ -60,10 +65,12 @@ impl ControlState {
             estimator: Estimator::default(),
             authority: Authority::default(),
             activation: Activation::default(),
+            begins: false,
             stuck: StuckDetector::default(),
             law: LawState::default(),
             was_stuck: false,
             scene: Self::new_surfaces(),
+            used: Slots::default(),
             contacts: ContactStates::default(),
             tool: None,
             command: (0, 0),
@@ -117,23 +124,23 @@ impl ControlState {
 
     /// A slot that is free may next hold another object, which has no past.
     pub fn forget_slots_not_in(&mut self, plan: &Plan) {
-        let mut used = [false; MAX_OBJECTS];
-        for item in &plan.scene {
-            if let Some(used) = used.get_mut(usize::from(item.slot)) {
-                *used = true;
-            }
+        let mut kept = Slots::default();
+        plan.scene.iter().for_each(|item| kept.insert(usize::from(item.slot)));
+        self.forget_slots(self.used.without(kept));
+    }
+
+    /// Writes only what may have a past: all states together are half a megabyte.
+    fn forget_slots(&mut self, slots: Slots) {
+        let points = self.tool.as_ref().map_or(0, |(tool, ..)| tool.points().len());
+        for layer in self.scene.iter_mut().take(points) {
+            slots.iter().for_each(|slot| layer[slot].reset());
         }
-        for layer in &mut self.scene {
-            for (state, _) in layer.iter_mut().zip(used).filter(|(_, used)| !used) {
-                state.reset();
-            }
-        }
+        self.used = self.used.without(slots);
     }
 
     /// Surfaces have no past: what the tool is inside of now is given away.
     pub(super) fn forget_surfaces(&mut self) {
-        let used = self.tool.as_ref().map_or(0, |(tool, ..)| tool.points().len());
-        self.scene[..used].iter_mut().flatten().for_each(SurfaceState::reset);
+        self.forget_slots(self.used);
         self.contacts = ContactStates::default();
     }
 
@@ -141,6 +148,7 @@ impl ControlState {
         if self.mode != mode {
             self.mode = mode;
             self.activation.enter(mode);
+            self.begins = mode == Mode::Enabled;
             self.events.push(Event::Mode(mode));
         }
     }
@@ -153,6 +161,28 @@ impl ControlState {
     pub(super) fn since_tick_ns(&self, tick: u64, now_ns: u64) -> u64 {
         let oldest = self.tick.saturating_sub(TIMES as u64 - 1);
         now_ns.saturating_sub(self.times_ns[tick.max(oldest) as usize % TIMES])
+    }
+}
+
+/// A set of slots of the scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub(super) struct Slots([u64; MAX_OBJECTS.div_ceil(64)]);
+
+impl Slots {
+    /// Adds one; there is none beyond the last slot.
+    pub fn insert(&mut self, slot: usize) {
+        if slot < MAX_OBJECTS {
+            self.0[slot / 64] |= 1 << (slot % 64);
+        }
+    }
+
+    /// Those that are not in the other set.
+    fn without(self, other: Self) -> Self {
+        Self(std::array::from_fn(|i| self.0[i] & !other.0[i]))
+    }
+
+    fn iter(self) -> impl Iterator<Item = usize> {
+        (0..MAX_OBJECTS).filter(move |slot| self.0[slot / 64] >> (slot % 64) & 1 == 1)
     }
 }
 

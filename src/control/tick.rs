@@ -2,6 +2,7 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
+use super::activation::Asked;
 use super::desire::{Asking, Request, proxy_W_m};
 use super::estimate::Estimate;
 use super::plan::Tool as ToolPlan;
@@ -122,8 +123,9 @@ fn blind(state: &mut ControlState, input: &TickInput) -> Decision {
         commanded_Nm: values_Nm(&commands),
         ..Report::default()
     };
-    if state.mode != Mode::Fault {
-        // A lost sample does not end what was touched, or the command in force.
+    if state.mode != Mode::Fault && report.homed {
+        // A lost sample does not end what was touched, or the command in force; where the place
+        // itself is lost, nothing is touched and nothing is rendered.
         (report.contacts, report.contact_count) = (last.contacts, last.contact_count);
         (report.command_seq, report.stuck) = (last.command_seq, last.stuck);
     } else if std::mem::take(&mut state.was_stuck) {
@@ -192,7 +194,7 @@ fn tool_of(state: &mut ControlState, estimate: &Estimate, plan: &Plan) -> Tool {
         plan.tool.radius_m,
         plan.tick_s(),
     );
-    let begins = state.mode == Mode::Enabled && state.last.mode != Mode::Enabled;
+    let begins = state.mode == Mode::Enabled && std::mem::take(&mut state.begins);
     let same = |(_, mount, made_from): &(Tool, Mount, ToolPlan)| {
         (mount, made_from) == (&plan.mount, &plan.tool)
     };
@@ -244,13 +246,11 @@ fn desire(
     } else if change.returned {
         state.contacts = ContactStates::default();
     }
-    let controller_cap_N = state.authority.cap_N(input.now_ns, ramp_ns);
-    let clutch_cap_N = state.authority.clutch_cap_N(input.now_ns, ramp_ns);
+    let controller_cap_N = state.authority.cap_N(input.now_ns);
+    let clutch_cap_N = state.authority.clutch_cap_N(input.now_ns);
     let live = controller_cap_N > 0.0;
-    let activation = match state.mode {
-        Mode::Enabled => state.activation.share(input.now_ns, input.plan.guards.activation_ramp_ns),
-        _ => 1.0,
-    };
+    let guards = &input.plan.guards;
+    let activation = state.activation.share(input.now_ns, guards.activation_ramp_ns);
     // A fade begins at what was given; it is not made smaller a second time.
     let controller_cap_N =
         if activation > 0.0 { controller_cap_N / activation } else { controller_cap_N };
@@ -260,6 +260,7 @@ fn desire(
     for (point, layer) in state.scene.iter_mut().enumerate().take(tool.points().len()) {
         for item in input.plan.scene.iter().filter(|_| clutch_cap_N > 0.0) {
             if let Some(surface) = layer.get_mut(usize::from(item.slot)) {
+                state.used.insert(usize::from(item.slot));
                 desired.add_item(item, surface, tool, point);
             }
         }
@@ -271,6 +272,9 @@ fn desire(
     let asking =
         Asking { tool, estimate, plan: input.plan, capability, controller, controller_cap_N };
     let mut request = Request::from_desired(&desired, &asking);
+    let last_N = state.before.total_N;
+    let asked = Asked { last_N, now_N: request.total_N(&asking), guards };
+    let activation = state.activation.settle(state.mode, activation, &asked, input.now_ns);
     request.grow(activation);
     request.cap(clutch_cap_N, &asking);
     request.limits.set(Limit::Clutch, state.authority.is_clutched());

@@ -7,7 +7,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use super::*;
 use crate::actuation::ActuatorKind;
 use crate::config::{DeviceDefinition, Scene, build_plan};
-use crate::environment::{Element, Material, SceneItem, Shape, Surface};
+use crate::environment::{Element, Material, SceneItem, Shape, Surface, SurfaceState};
 use crate::mechanism::{KinematicsError, Mechanism, Posture};
 use crate::notation::{ActuatorVector, HandleInertia, MAX_ACTUATORS, PlaneVector, ReferenceMatrix};
 
@@ -293,4 +293,27 @@ fn a_field_of_moments_needs_the_third_freedom() {
     let report = flat.at(PlaneVector::new(0.35, 0.0, 0.0), None);
     assert_eq!(report.requested.moment_Nm.z, 0.25);
     assert!(report.limits.contains(Limit::Freedom), "it cannot turn the handle");
+}
+
+#[test]
+fn a_slot_that_a_plan_leaves_out_has_no_past_and_the_others_keep_theirs() {
+    let mut rig = box_rig(wall_above);
+    let item = |slot| SceneItem { slot, ..rig.plan.scene[0].clone() };
+    let (both, one) = ([item(70), item(255)].into(), [item(70)].into());
+    rig.plan.scene = both;
+    for y in [0.05, 0.08] {
+        rig.at(PlaneVector::new(0.05, y, 0.4), None);
+    }
+    let before = rig.state.scene.clone();
+    let new = SurfaceState::default();
+    for point in 0..4 {
+        assert!(before[point][70] != new && before[point][255] != new, "point {point}");
+    }
+    let next = Plan { scene: one, ..rig.plan.clone() };
+    rig.state.apply(ControlCommand::SwapPlan(Box::new(next)), &mut Box::new(rig.plan.clone()));
+    for (now, before) in rig.state.scene.iter().zip(&before) {
+        assert!(now[70] == before[70] && now[255] == new);
+    }
+    rig.state.forget_surfaces();
+    assert!(rig.state.scene.iter().flatten().all(|state| *state == new));
 }

@@ -66,6 +66,18 @@ impl Corridor {
         [self.points_W_m[segment], self.points_W_m[segment + 1]]
     }
 
+    /// The next segments on either side. One of a repeated point is stepped over: it is never
+    /// nearer than the end before it, and nothing would lead past it.
+    fn neighbours(&self, here: usize) -> impl Iterator<Item = usize> {
+        let has_length = |segment: &usize| {
+            let [from_W_m, to_W_m] = self.ends(*segment);
+            from_W_m != to_W_m
+        };
+        let before = (0..here).rev().find(has_length);
+        let after = (here + 1..self.points_W_m.len() - 1).find(has_length);
+        before.into_iter().chain(after)
+    }
+
     /// From the segment that the tool was in to the nearest that can be reached by ever nearer
     /// neighbours; the nearest of all where it was in none.
     fn segment_at(&self, last: Option<usize>, p_W_m: &Vector3<f64>) -> usize {
@@ -84,7 +96,7 @@ impl Corridor {
         let mut best = (last, range_m(last));
         for _ in 0..segments {
             let (here, _) = best;
-            best = (here.saturating_sub(1)..=(here + 1).min(segments - 1)).fold(best, nearer);
+            best = self.neighbours(here).fold(best, nearer);
             if best.0 == here {
                 break;
             }
@@ -173,6 +185,21 @@ mod tests {
         assert_eq!(walk.to(0.03, 0.016), None, "what is beyond the radius is given away");
         let (normal_W, depth_m) = walk.straight([0.03, 0.016], [0.03, 0.014]).expect("deeper");
         assert!((normal_W - Vector3::y()).norm() < 1e-9 && (depth_m - 0.002).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_repeated_point_is_no_dead_end_in_either_direction() {
+        let [a, b, c] = [[0.0, 0.0], [0.05, 0.0], [0.05, 0.05]];
+        let points = [a, a, b, b, b, c, c].map(|[x, y]| Vector3::new(x, y, 0.0)).into();
+        let material = Material { stiffness_N_per_m: STIFFNESS, ..Material::default() };
+        let corridor = Corridor::new(points, 0.004, material, 0.0).expect("seven points");
+        let mut walk = Walk { corridor, state: SurfaceState::default(), tool: None };
+        for (from, to) in [(a, b), (b, c), (c, b), (b, a)] {
+            for share in 1..=10 {
+                let [x, y] = [0, 1].map(|k| from[k] + f64::from(share) / 10.0 * (to[k] - from[k]));
+                assert_eq!(walk.straight(from, [x, y]), None, "free at {x} {y}");
+            }
+        }
     }
 
     #[test]

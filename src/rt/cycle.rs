@@ -48,6 +48,7 @@ impl<D: Device> Cycle<D> {
     pub fn turn(&mut self, due_ns: u64, now_ns: u64, clock: impl Fn() -> u64) -> Report {
         no_alloc(|| {
             let obeyed = self.obey();
+            let obeyed_ns = clock();
             let mut device_error = None;
             let sample = self.device.read(now_ns).inspect_err(|error| device_error = Some(*error));
             let sensed_ns = clock();
@@ -69,9 +70,10 @@ impl<D: Device> Cycle<D> {
             let record = Record {
                 report: decision.report,
                 wakeup_lateness_ns: now_ns.saturating_sub(due_ns),
-                execution_ns: decided_ns.saturating_sub(sensed_ns),
-                device_io_ns: (sensed_ns.saturating_sub(now_ns))
-                    + (done_ns.saturating_sub(decided_ns)),
+                execution_ns: obeyed_ns.saturating_sub(now_ns)
+                    + decided_ns.saturating_sub(sensed_ns),
+                device_io_ns: sensed_ns.saturating_sub(obeyed_ns)
+                    + done_ns.saturating_sub(decided_ns),
                 overrun,
                 skipped_ticks: self.skipped_before(due_ns),
                 reports_dropped: self.link.dropped(),

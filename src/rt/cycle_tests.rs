@@ -441,3 +441,17 @@ fn overruns_in_a_row_latch_a_fault() {
     }
     assert_eq!(world.turn().fault, Some(Fault::Overrun));
 }
+
+#[test]
+fn device_time_is_of_reading_and_writing_and_all_else_is_the_tick() {
+    let mut world = world("hold", &[]);
+    world.now_ns += MS;
+    // After commands, reading, deciding and writing.
+    let times_ns = [1_000, 1_200, 1_230, 1_234].map(|after_ns| world.now_ns + after_ns);
+    let asked = std::cell::Cell::new(0);
+    let clock = || times_ns[asked.replace(asked.get() + 1)];
+    world.cycle.turn(world.now_ns, world.now_ns, clock);
+    let record = world.records.pop().unwrap();
+    assert_eq!(asked.get(), times_ns.len());
+    assert_eq!((record.execution_ns, record.device_io_ns), (1_000 + 30, 200 + 4));
+}
