@@ -15,6 +15,7 @@ mod writer;
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -23,7 +24,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 pub use keeper::Keeper;
 
 use crate::host::{DeviceHost, HostError};
-use crate::recording::Message;
+use crate::recording::{Message, Sink};
 use crate::units::{self, FieldError};
 use writer::Writer;
 
@@ -41,6 +42,10 @@ const BYTES_PER_TICK: u64 = 2_000;
 
 /// Room for the plans, the setpoints and the states of a second.
 const BYTES_PER_SECOND: u64 = 1 << 20;
+
+/// Room for plans and states however short it is: edits add plans, of which one with the
+/// largest scene has about two megabytes, and a state has up to half of one.
+const BYTES_AT_LEAST: u64 = 32 << 20;
 
 /// Most recordings under way.
 const MOST_UNDER_WAY: usize = 4;
@@ -151,27 +156,39 @@ impl Archive {
     /// Begins a recording of so many seconds.
     pub fn start(&self, host: &DeviceHost, seconds: f64) -> Result<Info, ArchiveError> {
         units::RECORDING.check("seconds", seconds)?;
-        let rate_hz = 1e9 / host.definition().tick_ns as f64;
-        let room = (seconds * (rate_hz * BYTES_PER_TICK as f64 + BYTES_PER_SECOND as f64)) as u64;
+        let room = room_of(host.definition().tick_ns, seconds);
+        let (id, sink) = self.reserve(host.definition().name.as_str(), seconds, room)?;
+        let sink_id = sink.id;
+        host.tell_recorder(Message::Begin(sink));
+        // The loop may keep this waiting for a second: nobody else is.
+        if let Err(error) = host.snapshot() {
+            host.tell_recorder(Message::End { id: sink_id });
+            let kept = self.lock().remove(&id);
+            // Waits for its thread.
+            drop(kept);
+            let _ = fs::remove_file(self.path(&id));
+            return Err(error.into());
+        }
+        self.get(&id)
+    }
+
+    /// The place, the file and the thread of a recording that begins.
+    fn reserve(
+        &self,
+        device: &str,
+        seconds: f64,
+        room: u64,
+    ) -> Result<(String, Sink), ArchiveError> {
         let mut kept = self.lock();
         self.check_room(&kept, room)?;
-        let device = host.definition().name.to_string();
-        let id = free_id(&kept, &device);
+        let id = self.free_id(&kept, device);
         let path = self.path(&id);
         let sink_id = self.last_sink.fetch_add(1, Ordering::Relaxed) + 1;
         let under_way = Arc::clone(&self.under_way);
-        let (writer, sink) = Writer::start(&path, &device, seconds, sink_id, room, under_way)
+        let (writer, sink) = Writer::start(&path, device, seconds, sink_id, room, under_way)
             .map_err(io_error(&path))?;
-        host.tell_recorder(Message::Begin(sink));
-        if let Err(error) = host.snapshot() {
-            host.tell_recorder(Message::End { id: sink_id });
-            drop(writer);
-            let _ = fs::remove_file(&path);
-            return Err(error.into());
-        }
-        let info = writer.info(&id);
-        kept.insert(id, Kept::Own(writer));
-        Ok(info)
+        kept.insert(id.clone(), Kept::Own(writer));
+        Ok((id, sink))
     }
 
     /// Ends one before its time, and waits until what came is on disk.
@@ -206,14 +223,18 @@ impl Archive {
         fs::File::open(&path).map_err(io_error(&path))
     }
 
-    /// Deletes one that is complete.
+    /// Deletes one that is complete. That somebody has deleted its file is no reason to keep it.
     pub fn delete(&self, id: &str) -> Result<(), ArchiveError> {
         self.complete(id)?;
         let path = self.path(id);
         let mut kept = self.lock();
-        fs::remove_file(&path).map_err(io_error(&path))?;
-        kept.remove(id);
-        Ok(())
+        match fs::remove_file(&path) {
+            Err(error) if error.kind() != ErrorKind::NotFound => Err(io_error(&path)(error)),
+            _ => {
+                kept.remove(id);
+                Ok(())
+            }
+        }
     }
 
     fn complete(&self, id: &str) -> Result<(), ArchiveError> {
@@ -224,6 +245,13 @@ impl Archive {
     /// Only for identifiers that are known, or made here.
     fn path(&self, id: &str) -> PathBuf {
         self.directory.join(format!("{id}.{EXTENSION}"))
+    }
+
+    /// Of a name that neither a recording nor a file has.
+    fn free_id(&self, kept: &BTreeMap<String, Kept>, device: &str) -> String {
+        let ids = (unix_s()..).map(|seconds| format!("{device}-{seconds}"));
+        let mut free = ids.filter(|id| !kept.contains_key(id) && !self.path(id).exists());
+        free.next().unwrap_or_default()
     }
 
     fn check_room(&self, kept: &BTreeMap<String, Kept>, room: u64) -> Result<(), ArchiveError> {
@@ -278,12 +306,11 @@ impl Kept {
     }
 }
 
-fn free_id(kept: &BTreeMap<String, Kept>, device: &str) -> String {
-    let mut seconds = unix_s();
-    while kept.contains_key(&format!("{device}-{seconds}")) {
-        seconds += 1;
-    }
-    format!("{device}-{seconds}")
+/// Most bytes of a recording.
+fn room_of(tick_ns: u64, seconds: f64) -> u64 {
+    let rate_hz = 1e9 / tick_ns as f64;
+    let bytes_per_s = rate_hz * BYTES_PER_TICK as f64 + BYTES_PER_SECOND as f64;
+    BYTES_AT_LEAST + (seconds * bytes_per_s) as u64
 }
 
 fn unix_s() -> u64 {
@@ -303,4 +330,62 @@ fn not_found(id: &str) -> ArchiveError {
 fn io_error(path: &Path) -> impl FnOnce(std::io::Error) -> ArchiveError {
     let path = path.display().to_string();
     move |source| ArchiveError::Io { path, source }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+    use crate::config::{DeviceDefinition, Id, ObjectKind, Scene, SceneObject, build_plan};
+    use crate::control::{ControlState, Mode};
+    use crate::environment::{MAX_CORRIDOR_POINTS, MAX_OBJECTS, Material};
+    use crate::recording::{plan_entry, snapshot_entry};
+
+    fn largest_scene() -> Scene {
+        let mut scene = Scene::default();
+        let point = |i: usize| Vector3::new(i as f64 / 7.0, (i as f64).sqrt(), 1.0 / 3.0);
+        for i in 0..MAX_OBJECTS {
+            let points_m = (0..MAX_CORRIDOR_POINTS).map(point).collect();
+            let kind = ObjectKind::Corridor { points_m, radius_m: 0.1 };
+            let id = Id::parse("id", &format!("corridor-{i}")).unwrap();
+            let object = SceneObject::new(id, kind, Some(Material::default()), false).unwrap();
+            scene.create(object, None).unwrap();
+        }
+        scene
+    }
+
+    #[test]
+    fn a_short_recording_has_room_for_edits_of_the_largest_scene() {
+        let device = DeviceDefinition::load("cho-2005").unwrap();
+        let scene = largest_scene();
+        let plan = plan_entry(&build_plan(&device, &scene), &device, &scene);
+        let state = snapshot_entry(&ControlState::new(Mode::Enabled));
+        assert!(plan.len() > 1_000_000, "{}", plan.len());
+        let room = room_of(device.tick_ns, 1e-3);
+        assert!(room > 10 * (plan.len() + state.len()) as u64, "{} {room}", plan.len());
+    }
+
+    #[test]
+    fn what_is_deleted_from_the_disk_can_be_deleted_from_the_archive() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("recordings/left-17.hrec");
+        fs::create_dir_all(file.parent().unwrap()).unwrap();
+        fs::write(&file, "ticks").unwrap();
+        let archive = Archive::open(folder.path()).unwrap();
+        assert_eq!(archive.get("left-17").unwrap().device, "left");
+        fs::remove_file(&file).unwrap();
+        archive.delete("left-17").unwrap();
+        assert!(archive.list().is_empty());
+        assert!(matches!(archive.delete("left-17"), Err(ArchiveError::NotFound(_))));
+    }
+
+    #[test]
+    fn a_file_that_nobody_knows_keeps_its_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let archive = Archive::open(folder.path()).unwrap();
+        let taken = archive.free_id(&BTreeMap::new(), "left");
+        fs::write(archive.path(&taken), "ticks").unwrap();
+        assert_ne!(archive.free_id(&BTreeMap::new(), "left"), taken);
+    }
 }

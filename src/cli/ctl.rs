@@ -5,7 +5,9 @@ use clap::{Args, Subcommand};
 use serde_json::{Value, json};
 
 use super::target::Target;
-use super::{events, format, hand, manipulability, object, scene_file, sessions, settings, wall};
+use super::{
+    events, format, hand, manipulability, object, recording, scene_file, sessions, settings, wall,
+};
 use crate::client::{Services, told};
 use crate::proto::{
     ActuatorKind, ActuatorState, ClearFaultRequest, ContactState, DeviceDescription, DeviceMode,
@@ -88,6 +90,8 @@ enum Action {
     Session(sessions::SessionCommand),
     #[command(subcommand)]
     Lease(sessions::LeaseCommand),
+    #[command(subcommand)]
+    Recording(recording::RecordingCommand),
     Hand(hand::Hand),
 }
 
@@ -111,13 +115,18 @@ impl Ctl {
             Action::Lease(command) => {
                 return command.run(&mut target.services().await?.sessions, json).await;
             }
+            Action::Recording(command) => {
+                return command.run(&mut target.services().await?.recordings, json).await;
+            }
             action => action,
         };
         let (mut services, name) = target.open().await?;
         let devices = &mut services.devices;
         let mode = match action {
             // Answered above.
-            Action::Devices(_) | Action::Session(_) | Action::Lease(_) => return Ok(()),
+            Action::Devices(_) | Action::Session(_) | Action::Lease(_) | Action::Recording(_) => {
+                return Ok(());
+            }
             Action::Describe => {
                 let description = devices.get_description(GetDescriptionRequest { name }).await;
                 print_description(&description.map_err(plain)?.into_inner(), json);

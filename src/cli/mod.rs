@@ -20,6 +20,7 @@ mod object_fields;
 mod object_print;
 mod ping;
 mod record;
+mod recording;
 mod replay;
 mod scene;
 mod scene_file;

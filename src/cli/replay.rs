@@ -7,7 +7,9 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use crate::actuation::Strategy;
-use crate::recording::{Comparison, End, Hand, Measures, Recorded, Verdict, compare, draw, replay};
+use crate::recording::{
+    Comparison, End, Hand, Measures, Recorded, Run, Verdict, compare, draw, replay,
+};
 
 /// More gaps than this are counted, not listed.
 const GAPS: usize = 5;
@@ -15,7 +17,8 @@ const GAPS: usize = 5;
 /// Run a recording again: is every report the same to the last bit? Or: what would another
 /// law have made of the same hand?
 #[derive(Debug, Args)]
-#[command(after_help = "Exit code 1: a difference, or nothing that could be compared.
+#[command(after_help = "Exit code 1: a tick differs, or nothing or not all in the file could be
+compared: a state, ticks, plans or setpoints are missing, and what is missing is told.
 
 Examples:
   hapticd replay run.hrec
@@ -57,7 +60,11 @@ impl Replay {
         }
         match &verdict.difference {
             Some(difference) => bail!("tick {} differs", difference.tick),
-            None if verdict.equal == 0 => bail!("no tick could be replayed"),
+            None if verdict.equal == 0 => bail!("nothing compared: no tick could be replayed"),
+            None if !verdict.is_bit_equal() => {
+                let missing = verdict.ticks - verdict.equal;
+                bail!("{missing} of {} ticks could not be compared", verdict.ticks)
+            }
             None => Ok(()),
         }
     }
@@ -72,11 +79,11 @@ impl Replay {
         }
         if self.json {
             say!("{}", comparison_json(&comparison));
-            return Ok(());
-        }
-        print_comparison(&comparison);
-        if let Some(path) = &self.picture {
-            say!("picture: {}", path.display());
+        } else {
+            print_comparison(&comparison);
+            if let Some(path) = &self.picture {
+                say!("picture: {}", path.display());
+            }
         }
         ensure!(!comparison.runs.is_empty(), "nothing was compared");
         Ok(())
@@ -114,7 +121,10 @@ fn tell(recorded: &Recorded, verdict: &Verdict) {
         say!("and {} gaps more", verdict.gaps.len() - GAPS);
     }
     match &verdict.difference {
-        None if verdict.equal == verdict.ticks => {
+        None if verdict.equal == 0 => {
+            say!("nothing compared: none of {} ticks could be run again", verdict.ticks);
+        }
+        None if verdict.is_bit_equal() => {
             say!("bit-equal: every report of all {} ticks", verdict.ticks);
         }
         None => say!(
@@ -144,7 +154,7 @@ fn verdict_json(recorded: &Recorded, verdict: &Verdict) -> Value {
         "cause": recorded.header.cause,
         "ticks": verdict.ticks,
         "equal": verdict.equal,
-        "bit_equal": verdict.difference.is_none() && verdict.equal == verdict.ticks,
+        "bit_equal": verdict.is_bit_equal(),
         "difference": difference,
         "gaps": gaps,
         "whole": verdict.end == End::Whole,
@@ -158,13 +168,13 @@ type Figure = fn(&Measures) -> Option<f64>;
 /// Rows of the table: name, unit, and how it is read.
 const ROWS: [(&str, &str, Figure); 9] = [
     ("touching", "s", |m| Some(m.touching_s)),
-    ("stuck share", "%", |m| Some(100.0 * m.stuck_share)),
-    ("penetration", "mm", |m| Some(m.penetration_mm)),
+    ("stuck share", "%", |m| m.stuck_share.map(|share| 100.0 * share)),
+    ("penetration", "mm", |m| m.penetration_mm),
     ("hand along, mean", "N", |m| m.along_mean_N),
     ("hand along, largest", "N", |m| m.along_max_N),
     ("approximation angle", "deg", |m| m.angle_mean_deg),
-    ("rms jerk", "m/s3", |m| Some(m.jerk_rms_m_per_s3)),
-    ("largest step chosen", "N", |m| Some(m.chosen_step_N)),
+    ("rms jerk", "m/s3", |m| m.jerk_rms_m_per_s3),
+    ("largest step chosen", "N", |m| m.chosen_step_N),
     ("largest step at the handle", "N", |m| m.step_N),
 ];
 
@@ -191,15 +201,16 @@ fn print_comparison(comparison: &Comparison) {
 }
 
 fn comparison_json(comparison: &Comparison) -> Value {
-    let run = |measures: &Measures| -> Value {
+    let run = |run: &Run| -> Value {
         let rows = ROWS.iter().map(|(name, unit, read)| {
             let key = format!("{name} {unit}").replace(", ", "_").replace([' ', '/'], "_");
-            (key.replace('%', "percent"), json!(read(measures)))
+            (key.replace('%', "percent"), json!(read(&run.measures)))
         });
-        Value::Object(rows.collect())
+        let name = ("name".to_owned(), json!(run.name));
+        Value::Object(std::iter::once(name).chain(rows).collect())
     };
-    let runs: serde_json::Map<_, _> =
-        comparison.runs.iter().map(|one| (one.name.clone(), run(&one.measures))).collect();
+    // Two runs may have the same name: the law that is compared may be the recorded one.
+    let runs: Vec<_> = comparison.runs.iter().map(run).collect();
     let closed = matches!(comparison.hand, Hand::Follows { .. });
     json!({ "device": comparison.device, "closed_loop": closed, "runs": runs })
 }

@@ -309,10 +309,11 @@ async fn keep_time(hub: Shared) {
 /// The services ask about sessions; an answer takes microseconds.
 async fn answer_calls(hub: Shared, mut calls: SessionCalls) {
     while let Some(call) = calls.next().await {
-        let mut hub = hub.borrow_mut();
-        call(&mut hub.sessions, now_ns());
-        hub.act();
-        drop(hub);
+        {
+            let mut hub = hub.borrow_mut();
+            call(&mut hub.sessions, now_ns());
+            hub.act();
+        }
         // Datagrams and ticks first, however many calls wait.
         tokio::task::yield_now().await;
     }

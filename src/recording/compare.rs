@@ -12,7 +12,8 @@
 //! hand on the same simulated device, with the encoders of the plan, a force sensor without
 //! noise of its own (the recorded force has noise already), and the recorded commands, plans
 //! and modes at their ticks. A client that would have answered another State otherwise is not
-//! known here. Without a force sensor the motion stays the recorded one.
+//! known here. A sample that was lost is lost in every run, and the hand goes on as it did
+//! before. Without a force sensor the motion stays the recorded one.
 
 use std::rc::Rc;
 
@@ -100,6 +101,8 @@ struct Step {
     /// Handle and its velocity in B.
     p_BH: PlaneVector,
     v_BH: PlaneVector,
+    /// Where the sample was lost, what it was before.
+    F_hand_BH_N: Option<PlaneVector>,
 }
 
 /// Runs the first stretch of a recording without a gap under its own law and under `law`.
@@ -115,7 +118,8 @@ pub fn compare(recorded: &Recorded, law: Strategy) -> Result<Comparison, Compare
         Run { name, moments, measures }
     };
     let own = first.built.plan.strategy;
-    let measured = steps.iter().all(|step| hand_of(step).is_some());
+    let mut sensed = steps.iter().filter_map(|step| step.inputs.sample.ok()).peekable();
+    let measured = sensed.peek().is_some() && sensed.all(|sample| sample.F_hand_BH_N.is_some());
     let mut runs = vec![finished(format!("recorded, {own}"), moments)];
     let hand = if measured {
         for law in [own, law] {
@@ -154,7 +158,7 @@ fn stretch(
             state = store.state_before(&entry).map_err(at)?;
         } else if state.is_none() {
             continue;
-        } else if entry.tick != last_tick + 1 {
+        } else if entry.tick.checked_sub(1) != Some(last_tick) {
             break;
         }
         last_tick = entry.tick;
@@ -184,6 +188,10 @@ fn step_of(
     let moment = Moment::of(report, &built.plan, since_ns as f64 * 1e-9).ok_or("no position")?;
     let &[x, y, phi] = report.handle_plane.as_slice() else { return Err("no handle".into()) };
     let v_m_per_s = moment.v_m_per_s;
+    let F_hand_BH_N = match inputs.sample {
+        Ok(sample) => sample.F_hand_BH_N,
+        Err(_) => last.and_then(|last| last.F_hand_BH_N),
+    };
     let step = Step {
         inputs,
         now_ns: entry.time_ns,
@@ -191,12 +199,9 @@ fn step_of(
         setpoint,
         p_BH: PlaneVector::new(x, y, phi),
         v_BH: PlaneVector::new(v_m_per_s.x, v_m_per_s.y, 0.0),
+        F_hand_BH_N,
     };
     Ok((step, moment))
-}
-
-fn hand_of(step: &Step) -> Option<PlaneVector> {
-    step.inputs.sample.ok()?.F_hand_BH_N
 }
 
 /// One tick under another law, with all that was obeyed before it.
@@ -281,22 +286,23 @@ fn closed_loop(
     let mut sensors = Sensors::new(&counts, Some(silent), 0);
     let (mut state, mut laws) = (state.clone(), Laws { law, made: None });
     let mut zero = None;
+    let first_counts = steps.iter().find_map(|step| step.inputs.sample.ok()).unwrap_or_default();
     let mut moments = Vec::with_capacity(steps.len());
     for (i, step) in steps.iter().enumerate() {
         let last = &steps[i.saturating_sub(1)];
         let F_hand_BH_N = advance(&mut plant, last, step.now_ns.saturating_sub(last.now_ns));
-        let recorded = step.inputs.sample.unwrap_or_default();
-        let mut sample = sensors.read(plant.shaft_rad(), &F_hand_BH_N, recorded.buttons);
+        let buttons = step.inputs.sample.map_or(0, |recorded| recorded.buttons);
+        let mut sample = sensors.read(plant.shaft_rad(), &F_hand_BH_N, buttons);
         // Encoders count on from wherever they were.
         let zero = zero.get_or_insert_with(|| {
             std::array::from_fn::<i64, MAX_ACTUATORS, _>(|i| {
-                recorded.counts[i].wrapping_sub(sample.counts[i])
+                first_counts.counts[i].wrapping_sub(sample.counts[i])
             })
         });
         for (count, zero) in sample.counts.iter_mut().zip(zero) {
             *count = count.wrapping_add(*zero);
         }
-        let inputs = Inputs { sample: Ok(sample), ..step.inputs };
+        let inputs = Inputs { sample: step.inputs.sample.map(|_| sample), ..step.inputs };
         let plan = laws.plan(&step.built);
         let (decision, moment) = decide(store, &mut state, step, plan, &inputs, i == 0)?;
         let posture = plan.mechanism.posture_at(plant.p_BH()).ok();
@@ -311,7 +317,7 @@ fn closed_loop(
 /// Lets time pass under the hand of a recorded tick; what the hand did in the end.
 fn advance(plant: &mut Plant, recorded: &Step, elapsed_ns: u64) -> PlaneVector {
     let Grip { stiffness_N_per_m, damping_N_s_per_m, .. } = Grip::EASY;
-    let hand = hand_of(recorded).unwrap_or_default();
+    let hand = recorded.F_hand_BH_N.unwrap_or_default();
     let target_N = hand + stiffness_N_per_m * recorded.p_BH + damping_N_s_per_m * recorded.v_BH;
     let pull = |plant: &Plant| {
         let pull_N = target_N - stiffness_N_per_m * plant.p_BH() - damping_N_s_per_m * plant.v_BH();

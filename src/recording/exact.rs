@@ -3,21 +3,21 @@
 //! A plan's linkage comes from the device's file, which is in the entry and is checked again
 //! as any file is; everything else in a plan is stored as it was in force, so that a setting
 //! that no file knows is replayed too. What a file could say to break the loop is refused
-//! here; numbers are not, because a tick takes any.
+//! here: whatever a device file or a request could not have said of actuators, bounds, mount,
+//! tool and tick. Numbers of the scene are not, because a tick takes any.
 
 use prost::Message;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 use crate::actuation::Strategy;
-use crate::config::{DeviceDefinition, Scene};
+use crate::config::{DeviceDefinition, Scene, Setting, Settings};
 use crate::control::{Actuators, ControlState, Guards, Mount, Plan, Setpoint, Tool};
 use crate::environment::{Element, MAX_CORRIDOR_POINTS, SceneItem};
+use crate::notation::MAX_ACTUATORS;
 use crate::proto::record_entry::Entry;
 use crate::proto::{RecordEntry, RecordPlan, RecordSetpoint, RecordSnapshot};
-
-/// A loop turns at 100 to 4000 Hz.
-const TICK_NS: std::ops::RangeInclusive<u64> = 250_000..=10_000_000;
+use crate::units::{self, FieldError};
 
 /// A plan but for its linkage and its number.
 #[derive(Deserialize, Serialize)]
@@ -85,9 +85,10 @@ pub(super) fn plan_of(entry: &RecordPlan) -> Result<(Plan, DeviceDefinition), St
             .map_err(|error| error.to_string())?;
     let Exact { actuators, mount, tool, tick_ns, strategy, guards, scene, scene_revision } =
         restored(&entry.exact)?;
-    if !TICK_NS.contains(&tick_ns) {
-        return Err(format!("tick of {tick_ns} ns: must be {TICK_NS:?}"));
-    }
+    let told = |refusal: FieldError| refusal.to_string();
+    units::RATE.check("ticks per second", 1e9 / tick_ns as f64).map_err(told)?;
+    check_actuators(&actuators, device.mechanism.actuators()).map_err(told)?;
+    check_settings(&Settings { strategy, guards, mount, tool }).map_err(told)?;
     let corridors = scene.iter().filter_map(|item| match &item.element {
         Element::Corridor(corridor) => Some(corridor.points_W_m().len()),
         _ => None,
@@ -109,6 +110,57 @@ pub(super) fn plan_of(entry: &RecordPlan) -> Result<(Plan, DeviceDefinition), St
         generation: entry.generation,
     };
     Ok((plan, device))
+}
+
+/// In the ranges of a device file, which has `count` of them; nothing beyond.
+fn check_actuators(actuators: &Actuators, count: usize) -> Result<(), FieldError> {
+    let Actuators { kinds: _, max_torque_Nm, counts_per_revolution, lag_s } = actuators;
+    for i in 0..count {
+        let field = |name: &str| format!("actuators[{i}].{name}");
+        units::TORQUE_LIMIT.check(&field("max_torque_Nm"), max_torque_Nm[i])?;
+        units::COUNTS.check(&field("counts_per_revolution"), counts_per_revolution[i])?;
+        units::LAG.check(&field("lag_s"), lag_s[i])?;
+    }
+    for i in count..MAX_ACTUATORS {
+        let beyond = [max_torque_Nm[i], counts_per_revolution[i], lag_s[i]];
+        if beyond != [0.0, 1.0, 0.0] {
+            let field = format!("actuators[{i}]");
+            let allowed = format!("the device has {count} actuators");
+            return Err(FieldError::new(field, format!("{beyond:?}"), allowed));
+        }
+    }
+    Ok(())
+}
+
+/// In the ranges in which somebody may set them; only looked at, so that every bit stays.
+fn check_settings(settings: &Settings) -> Result<(), FieldError> {
+    let Settings { strategy: _, guards, mount, tool } = *settings;
+    let ms = |ns: u64| ns as f64 / 1e6;
+    if tool.point_count > tool.points_T_m.len() {
+        let allowed = format!("must be at most {}", tool.points_T_m.len());
+        return Err(FieldError::new("tool.point_count", tool.point_count, allowed));
+    }
+    let points_m = tool.points_T_m.map(Into::into).to_vec();
+    let mut scratch = *settings;
+    for (field, setting) in [
+        ("force_limit_N", Setting::ForceLimit_N(guards.force_limit_N)),
+        ("force_gain", Setting::ForceGain(guards.force_gain)),
+        ("activation_ramp_ms", Setting::ActivationRamp_ms(ms(guards.activation_ramp_ns))),
+        ("slew_N_per_s", Setting::Slew_N_per_s(guards.slew_N_per_s)),
+        ("stale_ramp_ms", Setting::StaleRamp_ms(ms(guards.stale_ramp_ns))),
+        ("closure_limit_rad", Setting::ClosureLimit_rad(guards.closure_limit_rad)),
+        ("stop_capacity_Nm", Setting::StopCapacity_Nm(guards.stop_capacity_Nm)),
+        ("max_overruns", Setting::MaxOverruns(guards.max_overruns.into())),
+        ("max_device_errors", Setting::MaxDeviceErrors(guards.max_device_errors.into())),
+        ("mount.position_m", Setting::MountPosition_m(mount.p_WB_m.into())),
+        ("mount.orientation", Setting::MountOrientation_xyzw(mount.q_WB.coords.into())),
+        ("tool.offset_m", Setting::ToolOffset_m(tool.offset_B_m.into())),
+        ("tool.radius_m", Setting::ToolRadius_m(tool.radius_m)),
+        ("tool.points_m", Setting::ToolPoints_m(points_m)),
+    ] {
+        scratch.set(field, &setting)?;
+    }
+    Ok(())
 }
 
 /// The entry of a setpoint.

@@ -42,15 +42,16 @@ pub struct Moment {
     pub region: Region,
 }
 
-/// Figures of a run, all but the first of the time in which a surface is touched.
+/// Figures of a run, all but the first of the time in which a surface is touched; `None` where
+/// nothing ever is.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Measures {
     /// How long that is.
     pub touching_s: f64,
     /// Part of it below 1 mm/s along the surface.
-    pub stuck_share: f64,
+    pub stuck_share: Option<f64>,
     /// Deepest.
-    pub penetration_mm: f64,
+    pub penetration_mm: Option<f64>,
     /// What the hand pulls along the surface; `None`: not measured.
     pub along_mean_N: Option<f64>,
     /// Largest.
@@ -58,9 +59,9 @@ pub struct Measures {
     /// Mean, where it is defined.
     pub angle_mean_deg: Option<f64>,
     /// Of the tool point.
-    pub jerk_rms_m_per_s3: f64,
+    pub jerk_rms_m_per_s3: Option<f64>,
     /// Largest change, in one tick, of what the law chose.
-    pub chosen_step_N: f64,
+    pub chosen_step_N: Option<f64>,
     /// Of the force at the handle; `None`: not known.
     pub step_N: Option<f64>,
 }
@@ -115,24 +116,28 @@ pub fn measure(moments: &[Moment], tick_s: f64) -> Measures {
             stuck += usize::from(moment.v_m_per_s.dot(&tangent).abs() < STUCK_M_PER_S);
             along_N.extend(moment.hand_N.map(|hand_N| hand_N.dot(&tangent).abs()));
             angles_rad.extend(moment.angle_rad);
-            figures.penetration_mm = figures.penetration_mm.max(1e3 * moment.depth_m);
+            let depth_mm = 1e3 * moment.depth_m;
+            figures.penetration_mm =
+                Some(figures.penetration_mm.map_or(depth_mm, |most_mm| most_mm.max(depth_mm)));
         }
         let of = |read: fn(&Moment) -> Vector2<f64>| -> Vec<PlaneVector> {
             stretch.iter().map(|moment| padded(&read(moment))).collect()
         };
         jerks.extend(squared_jerks(&of(|moment| moment.v_m_per_s), tick_s));
         let chosen_N = largest_step(&of(|moment| moment.given_N));
-        figures.chosen_step_N = figures.chosen_step_N.max(chosen_N);
+        figures.chosen_step_N =
+            Some(figures.chosen_step_N.map_or(chosen_N, |most_N| most_N.max(chosen_N)));
         let truth_N: Vec<_> =
             stretch.iter().filter_map(|m| m.truth_N.as_ref().map(padded)).collect();
         steps_N.extend((!truth_N.is_empty()).then(|| largest_step(&truth_N)));
     }
     figures.touching_s = touching as f64 * tick_s;
-    figures.stuck_share = stuck as f64 / touching.max(1) as f64;
+    figures.stuck_share = (touching > 0).then(|| stuck as f64 / touching as f64);
     figures.along_mean_N = mean(&along_N);
     figures.along_max_N = along_N.iter().copied().reduce(f64::max);
     figures.angle_mean_deg = mean(&angles_rad).map(f64::to_degrees);
-    figures.jerk_rms_m_per_s3 = root_mean(&jerks);
+    // A touch may be too short to have one.
+    figures.jerk_rms_m_per_s3 = (!jerks.is_empty()).then(|| root_mean(&jerks));
     figures.step_N = steps_N.into_iter().reduce(f64::max);
     figures
 }

@@ -11,6 +11,10 @@
 //!              ▲ the snapshot itself, some ticks late
 //! ```
 //!
+//! Two snapshots may be on their way at a time, and each may come before its tick or after it,
+//! so they are matched by number. One that is late goes into whatever segment is under way:
+//! a reader looks for it in the whole file.
+//!
 //! The black box drops its oldest segment once the others reach back far enough, and is
 //! handed over a moment after a fault.
 
@@ -32,6 +36,10 @@ const LARGEST_SEGMENT: usize = 64 << 20;
 
 /// Plans that were announced and wait to be put in force.
 const MOST_PLANS: usize = 16;
+
+/// Snapshots that wait for their tick, and ticks that wait for theirs: whoever asks for one
+/// waits for it, so there are as many as there are people who ask at a time.
+const MOST_SNAPSHOTS: usize = 8;
 
 /// What others tell the recorder.
 #[derive(Debug)]
@@ -116,7 +124,9 @@ pub struct Recorder {
     /// The newest that a tick may have used.
     setpoint: Setpoint,
     /// Snapshots that came before their tick.
-    early: Option<(u64, Vec<u8>)>,
+    early: VecDeque<(u64, Vec<u8>)>,
+    /// Numbers of snapshots whose ticks are told already.
+    awaited: VecDeque<u64>,
     /// Plans and the setpoint that the segment under way has.
     told_plans: Vec<u64>,
     told_setpoint: u64,
@@ -146,7 +156,8 @@ impl Recorder {
             keep_ns,
             plans: VecDeque::new(),
             setpoint: Setpoint::NONE,
-            early: None,
+            early: VecDeque::new(),
+            awaited: VecDeque::new(),
             told_plans: Vec::new(),
             told_setpoint: 0,
             open: false,
@@ -202,6 +213,15 @@ impl Recorder {
                 .retain_mut(|client| client.until_ns.is_none() || client.take(&bytes, ticks));
         }
         self.batch.clear();
+        self.close_unwanted();
+    }
+
+    /// What is written for nobody is written no longer: whoever comes begins a segment.
+    fn close_unwanted(&mut self) {
+        self.open &= self.wanted();
+        if !self.open {
+            self.awaited.clear();
+        }
     }
 
     /// The loop has ended: everything is handed over.
@@ -230,6 +250,7 @@ impl Recorder {
                 Message::End { id } => {
                     self.hand_over();
                     self.clients.retain(|client| client.sink.id != id);
+                    self.close_unwanted();
                 }
             }
         }
@@ -237,12 +258,30 @@ impl Recorder {
 
     /// One for a tick that is yet to come waits for it.
     fn hear_snapshot(&mut self, after_tick: u64, entry: Vec<u8>) {
-        if self.open && self.early.as_ref().is_some_and(|(tick, _)| *tick == after_tick) {
+        if let Some(place) = self.awaited.iter().position(|tick| *tick == after_tick) {
+            self.awaited.remove(place);
             self.batch.extend_from_slice(&entry);
-            self.early = None;
-        } else {
-            self.early = Some((after_tick, entry));
+            return;
         }
+        if self.early.len() == MOST_SNAPSHOTS {
+            self.early.pop_front();
+        }
+        self.early.push_back((after_tick, entry));
+    }
+
+    /// The snapshot of a segment that begins is written if it is there, or waited for.
+    fn begin_with(&mut self, after_tick: u64) {
+        // Those of earlier ticks that were told have been written; the others never will be.
+        self.early.retain(|(tick, _)| *tick >= after_tick);
+        if let Some(place) = self.early.iter().position(|(tick, _)| *tick == after_tick) {
+            let (_, entry) = self.early.remove(place).unwrap_or_default();
+            self.batch.extend_from_slice(&entry);
+            return;
+        }
+        if self.awaited.len() == MOST_SNAPSHOTS {
+            self.awaited.pop_front();
+        }
+        self.awaited.push_back(after_tick);
     }
 
     /// The setpoint of this number becomes the present one, if it came.
@@ -256,21 +295,28 @@ impl Recorder {
         }
     }
 
+    /// By the black box, or by somebody whose first segment has begun.
     fn wanted(&self) -> bool {
-        self.keep_ns > 0 || !self.clients.is_empty()
+        self.keep_ns > 0 || self.clients.iter().any(|client| client.until_ns.is_some())
+    }
+
+    /// True while ticks are encoded.
+    #[cfg(test)]
+    pub(super) fn is_open(&self) -> bool {
+        self.open
     }
 
     fn begin_segment(&mut self, record: &Record) {
         self.hand_over();
         self.told_plans.clear();
         self.told_setpoint = 0;
-        self.open = self.wanted();
-        if !self.open {
-            return;
-        }
         let now_ns = record.report.time_ns;
         for client in self.clients.iter_mut().filter(|client| client.until_ns.is_none()) {
             client.until_ns = Some(now_ns.saturating_add(client.sink.length_ns));
+        }
+        self.open = self.wanted();
+        if !self.open {
+            return;
         }
         if self.keep_ns > 0 {
             let enough = |second: &Segment| second.first_ns + self.keep_ns <= now_ns;
@@ -279,12 +325,7 @@ impl Recorder {
             }
             self.segments.push_back(Segment { first_ns: now_ns, bytes: Vec::new() });
         }
-        let after_tick = record.report.tick.saturating_sub(1);
-        match self.early.take() {
-            Some((tick, entry)) if tick == after_tick => self.batch.extend_from_slice(&entry),
-            // An empty one in its place says that it is waited for.
-            _ => self.early = Some((after_tick, Vec::new())),
-        }
+        self.begin_with(record.report.tick.saturating_sub(1));
     }
 
     fn write(&mut self, record: &Record) {
@@ -315,6 +356,7 @@ impl Recorder {
         if self.clients.iter().any(over) {
             self.hand_over();
             self.clients.retain(|client| !over(client));
+            self.close_unwanted();
         }
     }
 

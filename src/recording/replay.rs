@@ -30,6 +30,17 @@ pub struct Verdict {
     pub end: End,
 }
 
+impl Verdict {
+    /// True when every tick in the file was compared and found equal; nothing of nothing is not.
+    pub fn is_bit_equal(&self) -> bool {
+        self.difference.is_none() && self.equal > 0 && self.equal == self.ticks
+    }
+
+    fn gap(&mut self, tick: u64, why: String) {
+        self.gaps.push(Gap { tick, why });
+    }
+}
+
 /// Where a replay went another way.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Difference {
@@ -151,27 +162,48 @@ pub fn replay(recorded: &Recorded) -> Verdict {
         end: recorded.end.clone(),
     };
     let mut last_tick = None;
+    // Whether the stretch that cannot be run is told already.
+    let mut told = false;
     for entry in recorded.ticks() {
-        let next = last_tick.replace(entry.tick).map(|last: u64| last.wrapping_add(1));
-        if let Some(next) = next.filter(|next| *next != entry.tick) {
+        if let Some(gap) = last_tick.replace(entry.tick).and_then(|last| between(last, entry.tick))
+        {
             state = None;
-            let why = format!("ticks {next} to {} are not in the recording", entry.tick - 1);
-            verdict.gaps.push(Gap { tick: next, why });
+            told = true;
+            verdict.gaps.push(gap);
         }
         match step(&mut store, &mut state, &entry) {
-            Ok(Step::Equal) => verdict.equal += 1,
-            Ok(Step::Waiting) => {}
+            Ok(Step::Equal) => {
+                verdict.equal += 1;
+                told = false;
+            }
+            Ok(Step::Waiting) if told => {}
+            Ok(Step::Waiting) => {
+                told = true;
+                verdict.gap(entry.tick, "there is no state to begin with".to_owned());
+            }
             Ok(Step::Different(difference)) => {
                 verdict.difference = Some(difference);
                 break;
             }
             Err(why) => {
                 state = None;
-                verdict.gaps.push(Gap { tick: entry.tick, why });
+                told = true;
+                verdict.gap(entry.tick, why);
             }
         }
     }
     verdict
+}
+
+/// What is wrong between two ticks that follow each other in the file.
+fn between(last: u64, this: u64) -> Option<Gap> {
+    if this <= last {
+        let why = format!("the numbers go back: tick {this} comes after tick {last}");
+        return Some(Gap { tick: this, why });
+    }
+    let (first, end) = (last.saturating_add(1), this.saturating_sub(1));
+    let why = || format!("ticks {first} to {end} are not in the recording");
+    (first != this).then(|| Gap { tick: first, why: why() })
 }
 
 enum Step {
@@ -189,7 +221,9 @@ fn step(
     let inputs = inputs_of(entry).map_err(|why| format!("a tick that makes no sense: {why}"))?;
     let resumed = state.is_none() && begins(&inputs);
     if resumed {
-        *state = store.state_before(entry)?;
+        let after_tick = entry.tick.wrapping_sub(1);
+        let missing = || format!("the state after tick {after_tick} is not in the recording");
+        *state = Some(store.state_before(entry)?.ok_or_else(missing)?);
     }
     let Some(state) = state else { return Ok(Step::Waiting) };
     store.obey(state, &inputs, resumed)?;

@@ -1,5 +1,7 @@
 //! A run in virtual time, recorded as a server does, read, replayed, broken and compared.
 
+mod comparison;
+
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel, sync_channel};
 
@@ -120,7 +122,8 @@ impl World {
         self.setpoint = next;
     }
 
-    fn tick(&mut self) {
+    /// A tick that the recorder is not told of.
+    fn unobserved_tick(&mut self) -> Record {
         self.now_ns += MS;
         let sample = self.device.read(self.now_ns);
         let inputs = Inputs {
@@ -139,8 +142,13 @@ impl World {
         };
         let decision = tick(&mut self.state, &input);
         self.device.write(&decision.commands).unwrap();
-        let now = decision.report.tick;
-        self.recorder.observe(&Record { report: decision.report, inputs, ..Record::default() });
+        Record { report: decision.report, inputs, ..Record::default() }
+    }
+
+    fn tick(&mut self) {
+        let record = self.unobserved_tick();
+        let now = record.report.tick;
+        self.recorder.observe(&record);
         let (due, later) =
             std::mem::take(&mut self.late).into_iter().partition(|(at, _)| *at <= now);
         self.late = later;
@@ -384,51 +392,139 @@ fn a_reader_that_is_too_slow_loses_ticks_that_are_counted() {
     assert_eq!(replay(&Recorded::read(file_of(taken)).unwrap()).equal, ticks);
 }
 
-fn slide(sensor: bool) -> Recorded {
-    let mut world = World::new(sensor, 0);
-    world.wall("wall", 0.3);
+/// A file of two segments, 100 ticks each, whose states come before these of its quarters.
+fn two_copies(first_at: usize, second_at: usize) -> Recorded {
+    let mut world = World::new(true, 0);
     let deliveries = world.begin(1, 100_000 * MS);
-    world.snapshot(0);
-    world.ticks(5_000);
+    let mut states = Vec::new();
+    for quarter in 0..4 {
+        if quarter % 2 == 0 {
+            world.snapshot(0);
+            states.push(world.late.pop().unwrap().1);
+        }
+        for (at, place) in [(first_at, 0), (second_at, 1)] {
+            if at == quarter {
+                let message = std::mem::replace(&mut states[place], Message::End { id: 99 });
+                world.tell.send(message).unwrap();
+            }
+        }
+        world.ticks(50);
+    }
     world.recorder.finish();
     Recorded::read(file_of(deliveries)).unwrap()
 }
 
 #[test]
-fn the_recorded_hand_under_the_recorded_law_goes_the_recorded_way() {
-    let comparison = compare(&slide(true), Strategy::PredictedVelocity).unwrap();
-    let [recorded, own, other] = comparison.runs.as_slice() else { panic!("three runs") };
-    assert_eq!(own.name, "simulated, auto");
-    let apart_m = recorded.moments.iter().zip(&own.moments).map(|(a, b)| (a.p_m - b.p_m).norm());
-    let most_m = apart_m.fold(0.0, f64::max);
-    assert!(most_m < 5e-3, "{most_m} m apart");
-    assert!(recorded.measures.touching_s > 2.0, "{:?}", recorded.measures);
-    // As analysis::wall_following has it of these two laws.
-    let (own, other) = (&own.measures, &other.measures);
-    assert!(other.step_N > own.step_N.map(|step_N| 3.0 * step_N), "{own:?} {other:?}");
-    assert!(other.jerk_rms_m_per_s3 > 1.5 * own.jerk_rms_m_per_s3, "{own:?} {other:?}");
-    assert_eq!(recorded.measures.step_N, None, "what was at the handle is not recorded");
-}
-
-#[test]
-fn without_a_force_sensor_the_motion_stays_the_recorded_one() {
-    let comparison = compare(&slide(false), Strategy::Optimal).unwrap();
-    assert_eq!(comparison.hand, Hand::Unknown);
-    let [recorded, other] = comparison.runs.as_slice() else { panic!("two runs") };
-    let same = |a: &measures::Moment, b: &measures::Moment| a.p_m == b.p_m;
-    assert!(recorded.moments.iter().zip(&other.moments).all(|(a, b)| same(a, b)));
-    assert_ne!(recorded.measures, other.measures);
-}
-
-#[test]
-fn the_picture_has_a_row_for_each_run() {
-    let comparison = compare(&slide(true), Strategy::Optimal).unwrap();
-    let svg = draw(&comparison);
-    assert!(svg.starts_with("<svg ") && svg.ends_with("</svg>\n"));
-    for run in &comparison.runs {
-        assert_eq!(svg.matches(run.name.as_str()).count(), 2, "{}: legend and row", run.name);
+fn two_states_on_their_way_at_a_time_both_arrive() {
+    // In time; the first late; both late.
+    for (first_at, second_at) in [(0, 2), (1, 3), (2, 2), (3, 2), (3, 3)] {
+        let recorded = two_copies(first_at, second_at);
+        assert_eq!(recorded.snapshots.len(), 2, "{first_at} {second_at}");
+        assert_eq!(replay(&recorded).equal, 200, "{first_at} {second_at}");
     }
-    assert!(!svg.contains("NaN") && !svg.contains("inf"));
+}
+
+#[test]
+fn two_states_that_come_before_their_ticks_both_arrive() {
+    let mut world = World::new(true, 0);
+    let deliveries = world.begin(1, 100_000 * MS);
+    // The loop is ahead of the recorder: it has copied both before the first tick is observed.
+    let mut records = Vec::new();
+    for _ in 0..2 {
+        world.snapshot(0);
+        let (_, message) = world.late.pop().unwrap();
+        world.tell.send(message).unwrap();
+        records.extend((0..20).map(|_| world.unobserved_tick()));
+    }
+    records.iter().for_each(|record| world.recorder.observe(record));
+    world.recorder.finish();
+    let recorded = Recorded::read(file_of(deliveries)).unwrap();
+    assert_eq!(recorded.snapshots.len(), 2);
+    assert_eq!(replay(&recorded).equal, 40);
+}
+
+#[test]
+fn nothing_is_encoded_while_nobody_wants_it() {
+    let mut world = World::new(true, 0);
+    let _deliveries = world.begin(1, 100 * MS);
+    world.snapshot(0);
+    world.ticks(50);
+    assert!(world.recorder.is_open());
+    world.ticks(100);
+    assert!(!world.recorder.is_open(), "its length is over");
+    let _deliveries = world.begin(2, 100_000 * MS);
+    world.snapshot(0);
+    world.ticks(50);
+    assert!(world.recorder.is_open());
+    world.tell.send(Message::End { id: 2 }).unwrap();
+    world.ticks(4);
+    assert!(!world.recorder.is_open(), "it was stopped");
+}
+
+#[test]
+fn a_recording_without_a_state_is_not_bit_equal() {
+    let without_states = changed(|entry| !matches!(entry, Entry::Snapshot(_)));
+    let verdict = replay(&without_states);
+    assert_eq!((verdict.equal, verdict.is_bit_equal()), (0, false));
+    assert!(verdict.gaps[0].why.contains("the state after tick 300 "), "{:?}", verdict.gaps);
+    let first = |entry: &mut Entry| !matches!(entry, Entry::Tick(tick) if tick.tick <= 301);
+    let verdict = replay(&changed(first));
+    assert_eq!((verdict.gaps[0].tick, verdict.equal), (302, 1_300));
+    assert!(verdict.gaps[0].why.contains("no state to begin with"), "{:?}", verdict.gaps);
+    let nothing = replay(&Recorded::read(header("cho-2005", 0, "test")).unwrap());
+    assert!(!nothing.is_bit_equal(), "nothing of nothing");
+}
+
+#[test]
+fn ticks_whose_numbers_go_back_are_told() {
+    for number in [0, 5, u64::MAX] {
+        let recorded = changed(|entry| {
+            if let Entry::Tick(tick) = entry
+                && tick.tick == 700
+            {
+                tick.tick = number;
+            }
+            true
+        });
+        let verdict = replay(&recorded);
+        let back = |gap: &Gap| gap.why.contains("go back");
+        assert!(verdict.gaps.iter().any(back), "{number}: {:?}", verdict.gaps);
+        assert!(!verdict.is_bit_equal());
+        compare(&recorded, Strategy::Optimal).unwrap();
+    }
+}
+
+/// What a plan that `change` made of a good one is refused with.
+fn refusal(change: impl FnOnce(&mut Plan)) -> Option<String> {
+    let device = DeviceDefinition::load("cho-2005").unwrap();
+    let mut plan = build_plan(&device, &Scene::default());
+    change(&mut plan);
+    let bytes = plan_entry(&plan, &device, &Scene::default());
+    let entry = RecordEntry::decode_length_delimited(bytes.as_slice()).unwrap();
+    let Some(Entry::Plan(entry)) = entry.entry else { panic!("a plan") };
+    super::exact::plan_of(&entry).err()
+}
+
+#[test]
+fn a_plan_that_would_break_a_tick_is_refused() {
+    assert_eq!(refusal(|_| {}), None);
+    let told = |change: fn(&mut Plan), words: &str| {
+        let refusal = refusal(change).unwrap_or_else(|| panic!("{words}: not refused"));
+        assert!(refusal.contains(words), "{refusal}");
+    };
+    told(|plan| plan.actuators.max_torque_Nm[0] = f64::NAN, "actuators[0].max_torque_Nm = NaN");
+    told(|plan| plan.actuators.max_torque_Nm[3] = -1.0, "actuators[3].max_torque_Nm = -1");
+    told(|plan| plan.actuators.max_torque_Nm[4] = 1.0, "actuators[4]");
+    told(|plan| plan.actuators.counts_per_revolution[1] = 0.0, "counts_per_revolution = 0");
+    told(|plan| plan.actuators.lag_s[2] = f64::INFINITY, "lag_s = inf");
+    told(|plan| plan.guards.force_gain = f64::NAN, "force_gain = NaN");
+    told(|plan| plan.guards.stale_ramp_ns = u64::MAX, "stale_ramp_ms");
+    told(|plan| plan.guards.max_device_errors = u32::MAX, "max_device_errors");
+    told(|plan| plan.tool.point_count = 9, "tool.point_count = 9");
+    told(|plan| plan.mount.p_WB_m.x = f64::NAN, "mount.position_m[0] = NaN");
+    told(|plan| plan.tick_ns = 0, "ticks per second = inf");
+    let longest = |plan: &mut Plan| plan.guards.activation_ramp_ns = 10_000_000_000;
+    assert_eq!(refusal(longest), None, "the longest ramp that can be set");
 }
 
 /// For whoever changes the loop or the recorder:
