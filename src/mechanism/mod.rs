@@ -15,6 +15,7 @@ mod geometry;
 mod inertia;
 mod parameters;
 mod rays;
+mod symmetric_five_bar;
 mod two_link;
 
 #[cfg(test)]
@@ -25,6 +26,9 @@ pub use geometry::{LEAST_MARGIN, LONGEST_ANGLE_RAD};
 pub use inertia::{Inertia, LinkInertia};
 pub use parameters::ParameterError;
 pub use rays::{MAX_RAYS, Ray, Rays};
+pub use symmetric_five_bar::{
+    InscribedCircle, SymmetricFiveBar, SymmetricFiveBarJacobians, SymmetricFiveBarParameters,
+};
 pub use two_link::{TwoLink, TwoLinkParameters};
 
 use crate::notation::{ActuatorVector, HandleInertia, PlaneVector, ReferenceMatrix};

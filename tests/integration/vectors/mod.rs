@@ -7,6 +7,7 @@ mod brake_alloc;
 mod fivebar;
 mod karnopp;
 mod serial2;
+mod sym5bar;
 
 use hapticd::actuation::{Classification, Region};
 use nalgebra::{Dim, Matrix, RawStorage};
