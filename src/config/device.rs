@@ -9,7 +9,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::device_file::{CheckedActuators, DeviceLayout, check_actuators};
-use super::{ConfigError, Id, Settings, error};
+use super::{ConfigError, Id, Settings, error, linkage};
 use crate::actuation::{Bounds, Capability, ShaftMotion, Strategy};
 use crate::control::{Actuators, Guards, Mount, Tool};
 use crate::device::{ForceSensor, HandProgram, SimulationParameters};
@@ -91,7 +91,8 @@ impl DeviceDefinition {
 
     fn build(name: &str, text: &str, layout: &DeviceLayout) -> Result<Self, FieldError> {
         let name = Id::parse("file name without .toml", name)?;
-        let (mechanism, parameters) = layout.mechanism.build(&layout.inertia, &layout.actuators)?;
+        let (mechanism, parameters) =
+            linkage::build(&layout.mechanism, &layout.inertia, &layout.actuators)?;
         let CheckedActuators { names, actuators, residual_Nm } =
             check_actuators(&layout.actuators, mechanism.name(), mechanism.actuators())?;
         let mut settings = Settings::default();
@@ -307,7 +308,7 @@ mod tests {
             ("k3 = 0.781", "k3 = nan", "mechanism.k3 = NaN"),
             ("k3 = 0.781", "", "mechanism.k3 = (missing)"),
             ("k3 = 0.781", "k3 = 0.781\nl1_m = 0.3", "mechanism.l1_m = (set)"),
-            ("k3 = 0.781", "k3 = 0.781\nk5 = 1", "mechanism.k5: unknown field"),
+            ("k3 = 0.781", "k3 = 0.781\nk5 = 1", "mechanism.k5 = 1: unknown field"),
             ("0.124", "1.124", "mechanism.l_m[2] = 1.124"),
             ("0.124", "inf", "mechanism.l_m[2] = inf"),
             ("lever = -1", "lever = 0", "mechanism.lever = 0"),

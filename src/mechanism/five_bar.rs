@@ -26,12 +26,39 @@ use super::{
         swing, usable_angles, wrap,
     },
     inertia::LinkMotion,
+    kind::{Form, Key, Kind, shared},
     parameters::{LENGTH_M, RATIO, require_closable, require_range, require_sign},
 };
 use crate::notation::{ActuatorVector, PlaneVector, ReferenceMatrix};
 
 #[cfg(test)]
 mod tests;
+
+/// A coaxial five-bar in a device file.
+pub(super) const KIND: Kind = Kind {
+    name: "five-bar",
+    keys: &[
+        Key { name: "l_m", form: Form::Numbers(5, LENGTH_M) },
+        Key { name: "k3", form: Form::Number(RATIO) },
+        Key { name: "k4", form: Form::Number(RATIO) },
+        Key { name: "lever", form: Form::Sign(-1) },
+        Key { name: "tendons", form: Form::Word("straight", "crossed") },
+        Key { name: "elbow", form: Form::Sign(1) },
+        Key { name: "branch", form: Form::Sign(1) },
+    ],
+    build: |described| {
+        let parameters = FiveBarParameters {
+            l_m: described.numbers("l_m"),
+            k3: described.number("k3"),
+            k4: described.number("k4"),
+            lever: described.sign("lever"),
+            tendons: described.sign("tendons"),
+            elbow: described.sign("elbow"),
+            branch: described.sign("branch"),
+        };
+        Ok(shared(FiveBar::new(parameters, described.inertia()?)?))
+    },
+};
 
 /// What a coaxial five-bar is made of.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -86,11 +113,11 @@ impl FiveBar {
     pub fn new(parameters: FiveBarParameters, inertia: Inertia<4>) -> Result<Self, ParameterError> {
         let FiveBarParameters { l_m, k3, k4, lever, tendons, elbow, branch } = parameters;
         for (i, &length_m) in l_m.iter().enumerate() {
-            require_range(format!("l_m[{i}]"), length_m, &LENGTH_M, "m")?;
+            require_range(format!("l_m[{i}]"), length_m, &LENGTH_M)?;
         }
         require_closable(&l_m, &[0, 1, 2, 3])?;
-        require_range("k3", k3, &RATIO, "rad/rad")?;
-        require_range("k4", k4, &RATIO, "rad/rad")?;
+        require_range("k3", k3, &RATIO)?;
+        require_range("k4", k4, &RATIO)?;
         inertia.check()?;
         Ok(Self {
             l_m,
@@ -238,7 +265,7 @@ impl FiveBar {
 
 impl Mechanism for FiveBar {
     fn name(&self) -> &'static str {
-        "five-bar"
+        KIND.name
     }
 
     fn freedoms(&self) -> usize {

@@ -18,6 +18,7 @@ use super::{
     parameters::{ParameterError, require_range},
 };
 use crate::notation::{ActuatorVector, HandleInertia, ReferenceMatrix};
+use crate::units::Range;
 
 /// One rigid link.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -36,6 +37,9 @@ pub struct LinkInertia {
 pub struct Inertia<const N: usize> {
     /// Mass at the handle, kg. Never zero, so that M can be inverted.
     pub handle_mass_kg: f64,
+    /// Moment of inertia of the handle about H, kg m^2: felt where the handle's turn is a
+    /// freedom, and never zero for the same reason.
+    pub handle_inertia_kg_m2: f64,
     /// The links, in the order that the linkage states.
     pub links: [LinkInertia; N],
     /// Moment of inertia that turns with each actuator's shaft, kg m^2.
@@ -58,6 +62,7 @@ impl<const N: usize> Default for Inertia<N> {
     fn default() -> Self {
         Self {
             handle_mass_kg: 0.5,
+            handle_inertia_kg_m2: 1e-3,
             links: [LinkInertia::default(); N],
             shaft_inertia_kg_m2: ActuatorVector::zeros(),
         }
@@ -68,16 +73,22 @@ impl<const N: usize> Inertia<N> {
     /// Refuses a number that no part has.
     #[expect(clippy::disallowed_macros, reason = "parameters are checked before the first tick")]
     pub(super) fn check(&self) -> Result<(), ParameterError> {
-        require_range("handle_mass_kg", self.handle_mass_kg, &(1e-3..=100.0), "kg")?;
+        require_range("handle_mass_kg", self.handle_mass_kg, &Range::new(1e-3, 100.0, "kg"))?;
+        let plate = Range::new(1e-6, 100.0, "kg m^2");
+        require_range("handle_inertia_kg_m2", self.handle_inertia_kg_m2, &plate)?;
         for (i, link) in self.links.iter().enumerate() {
             let field = |name| format!("links[{i}].{name}");
-            require_range(field("mass_kg"), link.mass_kg, &(0.0..=100.0), "kg")?;
-            require_range(field("centre_m"), link.centre_m, &(-10.0..=10.0), "m")?;
-            require_range(field("inertia_kg_m2"), link.inertia_kg_m2, &(0.0..=100.0), "kg m^2")?;
+            require_range(field("mass_kg"), link.mass_kg, &Range::new(0.0, 100.0, "kg"))?;
+            require_range(field("centre_m"), link.centre_m, &Range::new(-10.0, 10.0, "m"))?;
+            require_range(
+                field("inertia_kg_m2"),
+                link.inertia_kg_m2,
+                &Range::new(0.0, 100.0, "kg m^2"),
+            )?;
         }
         for (i, &inertia_kg_m2) in self.shaft_inertia_kg_m2.iter().enumerate() {
             let field = format!("shaft_inertia_kg_m2[{i}]");
-            require_range(field, inertia_kg_m2, &(0.0..=100.0), "kg m^2")?;
+            require_range(field, inertia_kg_m2, &Range::new(0.0, 100.0, "kg m^2"))?;
         }
         Ok(())
     }
@@ -127,7 +138,13 @@ mod tests {
         for i in 0..shafts {
             shaft_inertia_kg_m2[i] = 1e-5 * (2.0 + i as f64);
         }
-        Inertia { handle_mass_kg: 0.3, links: std::array::from_fn(link), shaft_inertia_kg_m2 }
+        let usual = Inertia::<N>::default();
+        Inertia {
+            handle_mass_kg: 0.3,
+            links: std::array::from_fn(link),
+            shaft_inertia_kg_m2,
+            ..usual
+        }
     }
 
     /// Kinetic energy of a motion through `p_m` at `v_m_s`, from where the drawn segments

@@ -13,6 +13,7 @@
 mod five_bar;
 mod geometry;
 mod inertia;
+mod kind;
 mod parameters;
 mod rays;
 mod symmetric_five_bar;
@@ -24,6 +25,7 @@ pub(crate) mod fixtures;
 pub use five_bar::{FiveBar, FiveBarJacobians, FiveBarParameters};
 pub use geometry::{LEAST_MARGIN, LONGEST_ANGLE_RAD};
 pub use inertia::{Inertia, LinkInertia};
+pub use kind::{Built, Described, Form, KINDS, Key, Kind, Value, Weights, build};
 pub use parameters::ParameterError;
 pub use rays::{MAX_RAYS, Ray, Rays};
 pub use symmetric_five_bar::{

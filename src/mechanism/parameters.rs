@@ -8,7 +8,7 @@
     reason = "errors of construction own text, and none is made in a tick"
 )]
 
-use std::ops::RangeInclusive;
+use crate::units::{FieldError, Range};
 
 /// A parameter that no linkage can be built with.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -25,23 +25,53 @@ pub enum ParameterError {
     CannotClose { field: String, value: f64, most: f64 },
 }
 
+/// A refusal of the linkage, under the key that its author wrote in a device file.
+impl From<ParameterError> for FieldError {
+    fn from(error: ParameterError) -> Self {
+        match error {
+            ParameterError::OutOfRange { field, value, least, most, unit } => {
+                let range = Range::new(least, most, unit);
+                Self::new(key_of(&field), value, format!("must be a number in {range}"))
+            }
+            ParameterError::NotASign { field, value } => {
+                Self::new(key_of(field), value, "must be -1 or 1")
+            }
+            ParameterError::CannotClose { field, value, most } => {
+                let allowed = format!(
+                    "must be less than {most} m, the other links together, or the loop cannot close"
+                );
+                Self::new(key_of(&field), value, allowed)
+            }
+        }
+    }
+}
+
+/// Where a parameter of a linkage stands in a device file.
+fn key_of(parameter: &str) -> String {
+    match parameter.strip_prefix("shaft_inertia_kg_m2") {
+        Some(index) => format!("actuators{index}.shaft_inertia_kg_m2"),
+        None if parameter.starts_with("links") || parameter.starts_with("handle_") => {
+            format!("inertia.{parameter}")
+        }
+        None => format!("mechanism.{parameter}"),
+    }
+}
+
 /// A link shorter than this is a manufacturing tolerance; a longer one is not hand-held.
-pub(super) const LENGTH_M: RangeInclusive<f64> = 1e-3..=10.0;
+pub(super) const LENGTH_M: Range = Range::new(1e-3, 10.0, "m");
 
 /// Link angle per shaft angle; the smallest is a step-up of a thousand.
-pub(super) const RATIO: RangeInclusive<f64> = 1e-3..=100.0;
+pub(super) const RATIO: Range = Range::new(1e-3, 100.0, "rad/rad");
 
 /// Refuses a number outside `allowed`, NaN included.
 pub(super) fn require_range(
     field: impl Into<String>,
     value: f64,
-    allowed: &RangeInclusive<f64>,
-    unit: &'static str,
+    &Range { min: least, max: most, unit }: &Range,
 ) -> Result<(), ParameterError> {
-    if allowed.contains(&value) {
+    if (least..=most).contains(&value) {
         return Ok(());
     }
-    let (least, most) = (*allowed.start(), *allowed.end());
     Err(ParameterError::OutOfRange { field: field.into(), value, least, most, unit })
 }
 

@@ -24,12 +24,37 @@ use super::{
         swing, usable_angles, wrap,
     },
     inertia::LinkMotion,
+    kind::{Form, Key, Kind, shared},
     parameters::{LENGTH_M, require_range, require_sign},
 };
 use crate::notation::{ActuatorVector, PlaneVector, ReferenceMatrix};
 
 #[cfg(test)]
 mod tests;
+
+/// A symmetric five-bar in a device file.
+pub(super) const KIND: Kind = Kind {
+    name: "symmetric-five-bar",
+    keys: &[
+        Key { name: "a1_m", form: Form::Number(LENGTH_M) },
+        Key { name: "a2_m", form: Form::Number(LENGTH_M) },
+        Key { name: "a3_m", form: Form::Number(LENGTH_M) },
+        Key { name: "s1", form: Form::Sign(1) },
+        Key { name: "s2", form: Form::Sign(-1) },
+        Key { name: "assembly", form: Form::Sign(1) },
+    ],
+    build: |described| {
+        let parameters = SymmetricFiveBarParameters {
+            a1_m: described.number("a1_m"),
+            a2_m: described.number("a2_m"),
+            a3_m: described.number("a3_m"),
+            s1: described.sign("s1"),
+            s2: described.sign("s2"),
+            assembly: described.sign("assembly"),
+        };
+        Ok(shared(SymmetricFiveBar::new(parameters, described.inertia()?)?))
+    },
+};
 
 /// What a symmetric five-bar is made of.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -93,7 +118,7 @@ impl SymmetricFiveBar {
     ) -> Result<Self, ParameterError> {
         let SymmetricFiveBarParameters { a1_m, a2_m, a3_m, s1, s2, assembly } = parameters;
         for (field, length_m) in [("a1_m", a1_m), ("a2_m", a2_m), ("a3_m", a3_m)] {
-            require_range(field, length_m, &LENGTH_M, "m")?;
+            require_range(field, length_m, &LENGTH_M)?;
         }
         if a3_m >= a1_m + a2_m {
             let (field, most) = ("a3_m".to_owned(), a1_m + a2_m);
@@ -226,7 +251,7 @@ impl SymmetricFiveBar {
 
 impl Mechanism for SymmetricFiveBar {
     fn name(&self) -> &'static str {
-        "symmetric-five-bar"
+        KIND.name
     }
 
     fn freedoms(&self) -> usize {

@@ -20,9 +20,28 @@ use super::{
         usable_angles, wrap,
     },
     inertia::LinkMotion,
+    kind::{Form, Key, Kind, shared},
     parameters::{LENGTH_M, require_range, require_sign},
 };
 use crate::notation::{ActuatorVector, PlaneVector, ReferenceMatrix};
+
+/// A serial arm in a device file.
+pub(super) const KIND: Kind = Kind {
+    name: "two-link",
+    keys: &[
+        Key { name: "l1_m", form: Form::Number(LENGTH_M) },
+        Key { name: "l2_m", form: Form::Number(LENGTH_M) },
+        Key { name: "elbow", form: Form::Sign(1) },
+    ],
+    build: |described| {
+        let parameters = TwoLinkParameters {
+            l1_m: described.number("l1_m"),
+            l2_m: described.number("l2_m"),
+            elbow: described.sign("elbow"),
+        };
+        Ok(shared(TwoLink::new(parameters, described.inertia()?)?))
+    },
+};
 
 /// What a serial arm is made of.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,7 +68,7 @@ impl TwoLink {
     pub fn new(parameters: TwoLinkParameters, inertia: Inertia<2>) -> Result<Self, ParameterError> {
         let lengths_m = [parameters.l1_m, parameters.l2_m];
         for (field, length_m) in ["l1_m", "l2_m"].into_iter().zip(lengths_m) {
-            require_range(field, length_m, &LENGTH_M, "m")?;
+            require_range(field, length_m, &LENGTH_M)?;
         }
         inertia.check()?;
         Ok(Self { lengths_m, elbow: require_sign("elbow", parameters.elbow)?, inertia })
@@ -91,7 +110,7 @@ impl TwoLink {
 
 impl Mechanism for TwoLink {
     fn name(&self) -> &'static str {
-        "two-link"
+        KIND.name
     }
 
     fn freedoms(&self) -> usize {

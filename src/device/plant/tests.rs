@@ -39,6 +39,7 @@ fn heavy_cho(start_m: [f64; 2]) -> Plant {
         handle_mass_kg: 0.2,
         links: std::array::from_fn(link),
         shaft_inertia_kg_m2: ActuatorVector::repeat(1e-4),
+        ..Inertia::default()
     };
     let five_bar = FiveBar::new(fixtures::CHO[0], inertia).expect("valid");
     plant_of(Arc::new(five_bar), ActuatorKind::Brake, start_m)
