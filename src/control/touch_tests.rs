@@ -8,7 +8,7 @@ use super::*;
 use crate::actuation::ActuatorKind;
 use crate::config::{DeviceDefinition, Scene, build_plan};
 use crate::environment::{Element, Material, SceneItem, Shape, Surface, SurfaceState};
-use crate::mechanism::{KinematicsError, Mechanism, Posture};
+use crate::mechanism::{KinematicsError, Mechanism, Outline, Posture};
 use crate::notation::{ActuatorVector, HandleInertia, MAX_ACTUATORS, PlaneVector, ReferenceMatrix};
 
 fn stiff(shape: Shape) -> Element {
@@ -156,12 +156,13 @@ impl Mechanism for Gantry {
             reference: ReferenceMatrix::identity(),
             inertia: HandleInertia::identity(),
             closure_rad: ActuatorVector::zeros(),
+            margin: 1.0,
         })
     }
     fn posture_from_shafts(&self, shaft_rad: &ActuatorVector) -> Result<Posture, KinematicsError> {
         self.posture_at(&shaft_rad.fixed_rows::<3>(0).into_owned())
     }
-    fn outline(&self, _: &Posture, _: &mut [([f64; 2], [f64; 2]); 8]) -> usize {
+    fn outline(&self, _: &Posture, _: &mut Outline) -> usize {
         0
     }
     fn reach_m(&self) -> (f64, f64) {

@@ -18,9 +18,10 @@
 
 use nalgebra::{Matrix2, Matrix4x2, RowVector2, Vector2, Vector4};
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 use super::{
-    Inertia, KinematicsError, Mechanism, ParameterError, Posture,
+    Inertia, KinematicsError, Mechanism, Outline, ParameterError, Posture, WorkingMode,
     geometry::{
         arm_angles, arm_rates, bearing, cross, direction, finite_point, lean, require_margin,
         swing, usable_angles, wrap,
@@ -243,13 +244,13 @@ impl FiveBar {
 
     fn posture(&self, phi: LinkAngles) -> Result<Posture, KinematicsError> {
         let u = phi.map(direction);
-        require_margin(&[cross(u[0], u[2]), cross(u[1], u[3]), cross(u[2], u[3])])?;
+        let margin = require_margin(&[cross(u[0], u[2]), cross(u[1], u[3]), cross(u[2], u[3])])?;
         let w = self.link_rates(u);
         let reference = self.reference(w);
         let link = |joint, i: usize| LinkMotion { joint, along: u[i], rate_per_m: w[i] };
         let motions = [
-            link(Matrix2::zeros(), 0),
-            link(Matrix2::zeros(), 1),
+            LinkMotion::at_base(u[0], w[0]),
+            LinkMotion::at_base(u[1], w[1]),
             link(swing(self.l_m[0], u[0], w[0]), 2),
             link(swing(self.l_m[1], u[1], w[1]), 3),
         ];
@@ -259,6 +260,7 @@ impl FiveBar {
             reference,
             inertia: self.inertia.at_handle(&motions, &reference),
             closure_rad: ActuatorVector::zeros(),
+            margin,
         })
     }
 }
@@ -301,7 +303,7 @@ impl Mechanism for FiveBar {
         Ok(posture)
     }
 
-    fn outline(&self, posture: &Posture, out: &mut [([f64; 2], [f64; 2]); 8]) -> usize {
+    fn outline(&self, posture: &Posture, out: &mut Outline) -> usize {
         let [phi1, phi2, phi3] = [posture.shaft_rad[0], posture.shaft_rad[1], posture.p_BH.z];
         let [O_m, E_m, C_m, D_m] = self.joints([phi1, phi2, phi3]).map(Into::into);
         let P_m = [posture.p_BH.x, posture.p_BH.y];
@@ -325,5 +327,15 @@ impl Mechanism for FiveBar {
 
     fn inertia_varies(&self) -> bool {
         self.inertia.varies()
+    }
+
+    /// Elbow and branch.
+    fn working_mode(&self) -> WorkingMode {
+        WorkingMode::of(&[self.elbow as i32, self.branch as i32])
+    }
+
+    fn in_working_mode(&self, mode: &WorkingMode) -> Option<Arc<dyn Mechanism>> {
+        let [elbow, branch] = mode.signs()?.map(f64::from);
+        Some(shared(Self { elbow, branch, ..*self }))
     }
 }

@@ -5,7 +5,7 @@
 //! unit vector `u(a) = (cos a, sin a)`. Nothing here panics or returns NaN in an `Ok`.
 //! This file knows no linkage as a whole. Derived here, as is the closed form of [`arm_rates`].
 
-use nalgebra::{Matrix2, SVector, Vector2};
+use nalgebra::{SMatrix, SVector, Vector2};
 use std::f64::consts::{PI, TAU};
 
 use super::KinematicsError;
@@ -81,11 +81,11 @@ pub(super) fn usable_angles<const N: usize>(
     }
 }
 
-/// Refuses sines of angles between links that are too near zero.
-pub(super) fn require_margin(sines: &[f64]) -> Result<(), KinematicsError> {
+/// Refuses sines of angles between links that are too near zero; the least one.
+pub(super) fn require_margin(sines: &[f64]) -> Result<f64, KinematicsError> {
     let margin = sines.iter().fold(1.0_f64, |least, sine| least.min(sine.abs()));
     if margin >= LEAST_MARGIN {
-        Ok(())
+        Ok(margin)
     } else {
         Err(KinematicsError::Singular { margin, least: LEAST_MARGIN })
     }
@@ -128,8 +128,13 @@ pub(super) fn arm_rates(lengths_m: [f64; 2], along: [Vector2<f64>; 2]) -> [Vecto
     [along[1] / (lengths_m[0] * sine), -along[0] / (lengths_m[1] * sine)]
 }
 
-/// Velocity of a link's far end relative to its near end, per unit velocity of the handle.
-pub(super) fn swing(length_m: f64, along: Vector2<f64>, rate_per_m: Vector2<f64>) -> Matrix2<f64> {
+/// Velocity of a link's far end relative to its near end, per unit velocity of the handle in
+/// each of its freedoms.
+pub(super) fn swing<const FREEDOMS: usize>(
+    length_m: f64,
+    along: Vector2<f64>,
+    rate_per_m: SVector<f64, FREEDOMS>,
+) -> SMatrix<f64, 2, FREEDOMS> {
     length_m * turned(along) * rate_per_m.transpose()
 }
 

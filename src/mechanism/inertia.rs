@@ -6,12 +6,12 @@
 //! M = m_H I + sum over links (J_c^T m J_c + w^T I_c w) + R diag(I_shaft) R^T
 //! ```
 //!
-//! where J_c (2x2) is the velocity of a link's centre of mass and w (1x2) its turning rate
-//! per unit handle velocity; R^T gives the shafts' rates. Only the upper-left 2x2 of the 3x3
-//! is filled: both linkages of this module have two freedoms. Gravity and Coriolis forces are
+//! where J_c is the velocity of a link's centre of mass and w its turning rate per unit handle
+//! velocity; R^T gives the shafts' rates, and `m_H I` ends with the handle's moment of inertia
+//! where its turn is a freedom. With two freedoms the third row and column are zero. Gravity and Coriolis forces are
 //! not modelled: the plane is level and hands are slow.
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{SMatrix, SVector, Vector2};
 
 use super::{
     geometry::swing,
@@ -48,13 +48,20 @@ pub struct Inertia<const N: usize> {
 
 /// How one link moves: all a link contributes to the inertia besides its own numbers.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct LinkMotion {
+pub(super) struct LinkMotion<const FREEDOMS: usize> {
     /// Velocity of the proximal joint per unit handle velocity.
-    pub(super) joint: Matrix2<f64>,
+    pub(super) joint: SMatrix<f64, 2, FREEDOMS>,
     /// Direction of the link, away from that joint.
     pub(super) along: Vector2<f64>,
-    /// Turning rate per unit handle velocity, rad/m.
-    pub(super) rate_per_m: Vector2<f64>,
+    /// Turning rate per unit handle velocity: rad/m, and rad/rad for the handle's turn.
+    pub(super) rate_per_m: SVector<f64, FREEDOMS>,
+}
+
+impl<const FREEDOMS: usize> LinkMotion<FREEDOMS> {
+    /// A link about a joint that stands still.
+    pub(super) fn at_base(along: Vector2<f64>, rate_per_m: SVector<f64, FREEDOMS>) -> Self {
+        Self { joint: SMatrix::zeros(), along, rate_per_m }
+    }
 }
 
 impl<const N: usize> Default for Inertia<N> {
@@ -99,20 +106,23 @@ impl<const N: usize> Inertia<N> {
             || self.shaft_inertia_kg_m2.iter().any(|&inertia| inertia > 0.0)
     }
 
-    /// M of a posture, in the upper-left 2x2.
-    pub(super) fn at_handle(
+    /// M of a posture, in as many rows and columns as there are freedoms.
+    pub(super) fn at_handle<const FREEDOMS: usize>(
         &self,
-        motions: &[LinkMotion; N],
+        motions: &[LinkMotion<FREEDOMS>; N],
         reference: &ReferenceMatrix,
     ) -> HandleInertia {
-        let mut of_links = Matrix2::from_diagonal_element(self.handle_mass_kg);
+        let mut of_links =
+            SMatrix::<f64, FREEDOMS, FREEDOMS>::from_diagonal(&SVector::from_fn(|i, _| {
+                if i < 2 { self.handle_mass_kg } else { self.handle_inertia_kg_m2 }
+            }));
         for (link, motion) in self.links.iter().zip(motions) {
             let centre = motion.joint + swing(link.centre_m, motion.along, motion.rate_per_m);
             of_links += link.mass_kg * centre.transpose() * centre
                 + link.inertia_kg_m2 * motion.rate_per_m * motion.rate_per_m.transpose();
         }
         let mut inertia = HandleInertia::zeros();
-        inertia.fixed_view_mut::<2, 2>(0, 0).copy_from(&of_links);
+        inertia.fixed_view_mut::<FREEDOMS, FREEDOMS>(0, 0).copy_from(&of_links);
         for (shaft, &inertia_kg_m2) in reference.column_iter().zip(&self.shaft_inertia_kg_m2) {
             inertia += inertia_kg_m2 * shaft * shaft.transpose();
         }

@@ -18,12 +18,13 @@ use std::sync::Arc;
 
 use serde::Deserialize;
 
-use super::{Inertia, LinkInertia, Mechanism, five_bar, symmetric_five_bar, two_link};
+use super::{Inertia, LinkInertia, Mechanism, five_bar, symmetric_five_bar, three_rrr, two_link};
 use crate::notation::ActuatorVector;
 use crate::units::{FieldError, Range};
 
 /// Every kind of linkage that a device file can name.
-pub const KINDS: [&Kind; 3] = [&two_link::KIND, &five_bar::KIND, &symmetric_five_bar::KIND];
+pub const KINDS: [&Kind; 4] =
+    [&two_link::KIND, &five_bar::KIND, &symmetric_five_bar::KIND, &three_rrr::KIND];
 
 /// One kind of linkage.
 #[derive(Debug)]

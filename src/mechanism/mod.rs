@@ -17,7 +17,9 @@ mod kind;
 mod parameters;
 mod rays;
 mod symmetric_five_bar;
+mod three_rrr;
 mod two_link;
+mod working_mode;
 
 #[cfg(test)]
 pub(crate) mod fixtures;
@@ -31,9 +33,19 @@ pub use rays::{MAX_RAYS, Ray, Rays};
 pub use symmetric_five_bar::{
     InscribedCircle, SymmetricFiveBar, SymmetricFiveBarJacobians, SymmetricFiveBarParameters,
 };
+pub use three_rrr::{PSI_RAD, ThreeRrr, ThreeRrrJacobians, ThreeRrrParameters};
 pub use two_link::{TwoLink, TwoLinkParameters};
+pub use working_mode::WorkingMode;
+
+use std::sync::Arc;
 
 use crate::notation::{ActuatorVector, HandleInertia, PlaneVector, ReferenceMatrix};
+
+/// Most segments of a drawing: two links per chain of the 3-RRR, and its plate.
+pub const MAX_SEGMENTS: usize = 9;
+
+/// Joints in B as line segments `(from, to)`, metres.
+pub type Outline = [([f64; 2], [f64; 2]); MAX_SEGMENTS];
 
 /// Why a linkage has no answer. Carries numbers only, so that it can be made in a tick.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -69,6 +81,9 @@ pub struct Posture {
     /// Given minus computed angle of the shafts that loop closure makes redundant, radians;
     /// zero for shafts that define the posture.
     pub closure_rad: ActuatorVector,
+    /// How far from singular, 0 to 1: the least |sine| of an angle between two links that span
+    /// a distance together. Never below [`LEAST_MARGIN`].
+    pub margin: f64,
 }
 
 /// A linkage: handle pose, actuator shafts, and the maps between them.
@@ -86,9 +101,24 @@ pub trait Mechanism: Send + Sync + std::fmt::Debug {
     fn posture_from_shafts(&self, shaft_rad: &ActuatorVector) -> Result<Posture, KinematicsError>;
     /// Joint positions in B as line segments `(from, to)`, for drawing; fills `out` and
     /// returns how many there are.
-    fn outline(&self, posture: &Posture, out: &mut [([f64; 2], [f64; 2]); 8]) -> usize;
-    /// Smallest and largest distance from the origin of B that the handle can reach, metres.
+    fn outline(&self, posture: &Posture, out: &mut Outline) -> usize;
+    /// Smallest and largest distance from the origin of B that the handle can reach whatever
+    /// its bearing, and its turn within [`Mechanism::turn_rad`], metres. A smallest of zero at
+    /// a regular posture is no edge.
     fn reach_m(&self) -> (f64, f64);
+    /// How far the handle can turn to either side of phi = 0, where its turn is a freedom.
+    fn turn_rad(&self) -> f64 {
+        std::f64::consts::PI
+    }
     /// True where the inertia at the handle changes from place to place.
     fn inertia_varies(&self) -> bool;
+    /// How its elbows bend.
+    fn working_mode(&self) -> WorkingMode {
+        WorkingMode::default()
+    }
+    /// The same linkage with its elbows bent like this; `None`: it has others. For analysis,
+    /// not for a tick.
+    fn in_working_mode(&self, _: &WorkingMode) -> Option<Arc<dyn Mechanism>> {
+        None
+    }
 }

@@ -23,6 +23,9 @@ pub enum ParameterError {
     /// nowhere, or only stretched out in a line.
     #[error("{field} = {value} m cannot close: less than {most:.4} m, the other links together")]
     CannotClose { field: String, value: f64, most: f64 },
+    /// With it nothing is left that could be reached at every bearing and turn.
+    #[error("{field} = {value} leaves no place that is reached at every bearing and turn")]
+    NoWorkspace { field: String, value: f64 },
 }
 
 /// A refusal of the linkage, under the key that its author wrote in a device file.
@@ -40,6 +43,10 @@ impl From<ParameterError> for FieldError {
                 let allowed = format!(
                     "must be less than {most} m, the other links together, or the loop cannot close"
                 );
+                Self::new(key_of(&field), value, allowed)
+            }
+            ParameterError::NoWorkspace { field, value } => {
+                let allowed = "must leave places that are reached at every bearing and turn";
                 Self::new(key_of(&field), value, allowed)
             }
         }

@@ -16,9 +16,10 @@
 
 use nalgebra::{Matrix2, Vector2};
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 use super::{
-    Inertia, KinematicsError, Mechanism, ParameterError, Posture,
+    Inertia, KinematicsError, Mechanism, Outline, ParameterError, Posture, WorkingMode,
     geometry::{
         arm_angles, arm_rates, bearing, cross, direction, finite_point, lean, require_margin,
         swing, usable_angles, wrap,
@@ -219,7 +220,7 @@ impl SymmetricFiveBar {
 
     fn posture(&self, legs: LegAngles) -> Result<Posture, KinematicsError> {
         let u = legs.map(|leg| leg.map(direction));
-        require_margin(&[
+        let margin = require_margin(&[
             cross(u[0][0], u[0][1]),
             cross(u[1][0], u[1][1]),
             cross(u[0][1], u[1][1]),
@@ -245,6 +246,7 @@ impl SymmetricFiveBar {
             reference,
             inertia: self.inertia.at_handle(&motions, &reference),
             closure_rad: ActuatorVector::zeros(),
+            margin,
         })
     }
 }
@@ -277,7 +279,7 @@ impl Mechanism for SymmetricFiveBar {
         self.posture(if self.in_mode(first) >= self.in_mode(second) { first } else { second })
     }
 
-    fn outline(&self, posture: &Posture, out: &mut [([f64; 2], [f64; 2]); 8]) -> usize {
+    fn outline(&self, posture: &Posture, out: &mut Outline) -> usize {
         let P_m = [posture.p_BH.x, posture.p_BH.y];
         for i in [0, 1] {
             let O_m = self.pivot_m(i);
@@ -289,8 +291,7 @@ impl Mechanism for SymmetricFiveBar {
     }
 
     /// The widest ring about O that lies wholly within the reach of both legs: at distance r
-    /// from O a pivot is between |r - a3| and r + a3 away. Where no bearing-independent ring
-    /// exists, the distances that can be reached on the symmetry axis.
+    /// from O a pivot is between |r - a3| and r + a3 away. Where there is no such ring, the distances that can be reached on the symmetry axis.
     fn reach_m(&self) -> (f64, f64) {
         let ([a1, a2], a3) = (self.leg_m, self.a3_m);
         let (hole_m, span_m) = ((a1 - a2).abs(), a1 + a2);
@@ -306,5 +307,13 @@ impl Mechanism for SymmetricFiveBar {
 
     fn inertia_varies(&self) -> bool {
         self.inertia.varies()
+    }
+
+    fn working_mode(&self) -> WorkingMode {
+        WorkingMode::of(&self.elbows.map(|sign| sign as i32))
+    }
+
+    fn in_working_mode(&self, mode: &WorkingMode) -> Option<Arc<dyn Mechanism>> {
+        Some(shared(Self { elbows: mode.signs()?.map(f64::from), ..*self }))
     }
 }

@@ -12,9 +12,10 @@
 //! |sin q2|. No shaft is redundant, so closure is always zero.
 
 use nalgebra::{Matrix2, Vector2};
+use std::sync::Arc;
 
 use super::{
-    Inertia, KinematicsError, Mechanism, ParameterError, Posture,
+    Inertia, KinematicsError, Mechanism, Outline, ParameterError, Posture, WorkingMode,
     geometry::{
         arm_angles, arm_rates, cross, direction, finite_point, require_margin, swing, turned,
         usable_angles, wrap,
@@ -85,7 +86,7 @@ impl TwoLink {
     fn posture(&self, [q1, q2]: [f64; 2]) -> Result<Posture, KinematicsError> {
         let [l1_m, l2_m] = self.lengths_m;
         let along = [direction(q1), direction(q1 + q2)];
-        require_margin(&[cross(along[0], along[1])])?;
+        let margin = require_margin(&[cross(along[0], along[1])])?;
         let rates = arm_rates(self.lengths_m, along);
         let handle_m = l1_m * along[0] + l2_m * along[1];
         let mut shaft_rad = ActuatorVector::zeros();
@@ -95,7 +96,7 @@ impl TwoLink {
         reference.fixed_view_mut::<2, 2>(0, 0).copy_from(&columns);
         let elbow = swing(l1_m, along[0], rates[0]);
         let motions = [
-            LinkMotion { joint: Matrix2::zeros(), along: along[0], rate_per_m: rates[0] },
+            LinkMotion::at_base(along[0], rates[0]),
             LinkMotion { joint: elbow, along: along[1], rate_per_m: rates[1] },
         ];
         Ok(Posture {
@@ -104,6 +105,7 @@ impl TwoLink {
             reference,
             inertia: self.inertia.at_handle(&motions, &reference),
             closure_rad: ActuatorVector::zeros(),
+            margin,
         })
     }
 }
@@ -130,7 +132,7 @@ impl Mechanism for TwoLink {
         self.posture(usable_angles::<2>(shaft_rad.as_slice())?.into())
     }
 
-    fn outline(&self, posture: &Posture, out: &mut [([f64; 2], [f64; 2]); 8]) -> usize {
+    fn outline(&self, posture: &Posture, out: &mut Outline) -> usize {
         let elbow_m = self.lengths_m[0] * direction(posture.shaft_rad[0]);
         out[0] = ([0.0; 2], elbow_m.into());
         out[1] = (elbow_m.into(), [posture.p_BH.x, posture.p_BH.y]);
@@ -144,6 +146,15 @@ impl Mechanism for TwoLink {
 
     fn inertia_varies(&self) -> bool {
         self.inertia.varies()
+    }
+
+    fn working_mode(&self) -> WorkingMode {
+        WorkingMode::of(&[self.elbow as i32])
+    }
+
+    fn in_working_mode(&self, mode: &WorkingMode) -> Option<Arc<dyn Mechanism>> {
+        let [elbow] = mode.signs()?.map(f64::from);
+        Some(shared(Self { elbow, ..*self }))
     }
 }
 

@@ -6,6 +6,7 @@
 mod brake_alloc;
 mod fivebar;
 mod karnopp;
+mod rrr3;
 mod serial2;
 mod sym5bar;
 
