@@ -122,6 +122,10 @@ pub const TORQUE_LIMIT: Range = Range::new(1e-6, 1000.0, "N m");
 pub const HOLDING_TORQUE: Range = Range::new(0.0, 1000.0, "N m");
 /// Time constant of an actuator.
 pub const LAG: Range = Range::new(0.0, 1.0, "s");
+/// Viscous drag of a shaft.
+pub const SHAFT_DAMPING: Range = Range::new(0.0, 100.0, "N m s/rad");
+/// Smallest step of a motor's torque; 0: none.
+pub const RESOLUTION: Range = Range::new(0.0, 100.0, "N m");
 /// Encoder counts of one turn of a shaft.
 pub const COUNTS: Range = Range::new(16.0, 4_294_967_296.0, "counts");
 /// Noise or bias of a force sensor.

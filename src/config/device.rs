@@ -9,7 +9,9 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::device_file::{CheckedActuators, DeviceLayout, check_actuators};
-use super::{ConfigError, Id, Settings, error, linkage};
+use super::{ConfigError, Id, Settings, error, linkage, stiffness};
+use nalgebra::Vector3;
+
 use crate::actuation::{Bounds, Capability, ShaftMotion, Strategy};
 use crate::control::{Actuators, Guards, Mount, Tool};
 use crate::device::{ForceSensor, HandProgram, SimulationParameters};
@@ -18,12 +20,29 @@ use crate::notation::{ActuatorVector, MAX_ACTUATORS, PlaneVector};
 use crate::units::FieldError;
 
 /// The built-in devices: name and file.
-pub const BUILT_IN: [(&str, &str); 4] = [
+pub const BUILT_IN: [(&str, &str); 7] = [
     ("two-link", include_str!("../../devices/two-link.toml")),
     ("cho-2005", include_str!("../../devices/cho-2005.toml")),
     ("cho-2005-unoptimised", include_str!("../../devices/cho-2005-unoptimised.toml")),
     ("cho-2005-crossed", include_str!("../../devices/cho-2005-crossed.toml")),
+    ("kim-2003", include_str!("../../devices/kim-2003.toml")),
+    ("singh", include_str!("../../devices/singh.toml")),
+    ("singh-brakes", include_str!("../../devices/singh-brakes.toml")),
 ];
+
+/// Stiffness of the wall of Cho 2005, section 8.1.
+const WALL_N_PER_M: f64 = 1e7;
+
+/// A wall across x that a device's simulated hand meets.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DemoWall {
+    /// Where the handle is when the tool touches, in B.
+    pub handle_x_m: f64,
+    /// Where the wall stands: the tool may be ahead of the handle.
+    pub x_m: f64,
+    /// As stiff as the device can hold.
+    pub stiffness_N_per_m: f64,
+}
 
 /// A device, checked.
 #[derive(Clone, Debug)]
@@ -42,6 +61,12 @@ pub struct DeviceDefinition {
     pub actuator_names: Vec<Id>,
     /// Torque of each actuator without any command.
     pub residual_Nm: ActuatorVector,
+    /// Viscous drag of each shaft, N m s/rad.
+    pub damping_N_m_s_per_rad: ActuatorVector,
+    /// Smallest step of torque that each motor can give; 0: any.
+    pub resolution_Nm: ActuatorVector,
+    /// See [`DeviceDefinition::least_damping_N_s_per_m`].
+    least_damping_N_s_per_m: f64,
     /// Where the handle is when the device is homed, in B; `None`: the encoders are absolute.
     pub home_m: Option<[f64; 2]>,
     /// Shaft angles there.
@@ -93,8 +118,13 @@ impl DeviceDefinition {
         let name = Id::parse("file name without .toml", name)?;
         let (mechanism, parameters) =
             linkage::build(&layout.mechanism, &layout.inertia, &layout.actuators)?;
-        let CheckedActuators { names, actuators, residual_Nm } =
-            check_actuators(&layout.actuators, mechanism.name(), mechanism.actuators())?;
+        let CheckedActuators {
+            names,
+            actuators,
+            residual_Nm,
+            damping_N_m_s_per_rad,
+            resolution_Nm,
+        } = check_actuators(&layout.actuators, mechanism.name(), mechanism.actuators())?;
         let mut settings = Settings::default();
         let tick_ns = layout.control.check(&mut settings)?;
         layout.mount.check(&mut settings)?;
@@ -112,10 +142,16 @@ impl DeviceDefinition {
             start_m: check_start(mechanism.as_ref(), layout.simulation.start_m)?,
             home_m,
             home_rad,
-            mechanism,
             actuators,
             actuator_names: names,
             residual_Nm,
+            damping_N_m_s_per_rad,
+            resolution_Nm,
+            least_damping_N_s_per_m: stiffness::least_damping_N_s_per_m(
+                mechanism.as_ref(),
+                &damping_N_m_s_per_rad,
+            ),
+            mechanism,
             force_sensor: layout.hand_force.check()?,
             mount,
             tool,
@@ -144,6 +180,33 @@ impl DeviceDefinition {
         }
     }
 
+    /// The smallest damping that the handle feels in any direction anywhere in the reach, N s/m:
+    /// what the viscous drag of the shafts is worth there.
+    pub fn least_damping_N_s_per_m(&self) -> f64 {
+        self.least_damping_N_s_per_m
+    }
+
+    /// Largest stiffness that the device can render as a wall without feeding it, N/m; infinite
+    /// for devices of brakes alone, which cannot feed anything.
+    pub fn largest_stiffness_N_per_m(&self) -> f64 {
+        let tick_s = self.tick_ns as f64 * 1e-9;
+        stiffness::largest_N_per_m(&self.actuators, tick_s, self.least_damping_N_s_per_m)
+    }
+
+    /// The wall of the experiment for this device: where `hand` looks for it, and as stiff as
+    /// the actuators can hold.
+    pub fn demo_wall(&self, hand: HandProgram) -> DemoWall {
+        let Tool { offset_B_m, radius_m, .. } = self.tool;
+        let ahead_m = |point: &Vector3<f64>| offset_B_m.x + point.x;
+        let furthest_m = self.tool.points_T_m().iter().map(ahead_m).reduce(f64::max);
+        let handle_x_m = hand.wall_m(self.mechanism.reach_m());
+        DemoWall {
+            handle_x_m,
+            x_m: handle_x_m + furthest_m.unwrap_or(offset_B_m.x) + radius_m,
+            stiffness_N_per_m: self.largest_stiffness_N_per_m().min(WALL_N_PER_M),
+        }
+    }
+
     /// The device as its simulation takes it, with `hand` shrunk to the linkage's reach.
     pub fn simulation(&self, hand: HandProgram) -> SimulationParameters {
         SimulationParameters {
@@ -153,6 +216,8 @@ impl DeviceDefinition {
             counts_per_revolution: self.actuators.counts_per_revolution,
             lag_s: self.actuators.lag_s,
             residual_Nm: self.residual_Nm,
+            damping_N_m_s_per_rad: self.damping_N_m_s_per_rad,
+            resolution_Nm: self.resolution_Nm,
             force_sensor: self.force_sensor,
             hand: hand.fitted(self.mechanism.reach_m()),
             start_m: self.start_m,
@@ -186,8 +251,6 @@ fn posture_of(
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Vector3;
-
     use super::*;
     use crate::actuation::ActuatorKind;
     use crate::device::SimulatedDevice;
@@ -212,14 +275,23 @@ mod tests {
             assert!(!device.description.is_empty());
             assert_eq!(device.actuator_names.len(), device.mechanism.actuators());
             assert_eq!((device.tick_ns, device.handle_mass_kg), (1_000_000, 0.5));
-            assert_eq!(device.guards, Guards::default());
+            let force_limit_N = device.guards.force_limit_N;
+            assert_eq!(device.guards, Guards { force_limit_N, ..Guards::default() });
             let sensor = device.force_sensor.unwrap();
             assert_eq!((sensor.noise_rms_N, sensor.bias_N), (0.05, 0.1));
+            let motors = ["kim-2003", "singh"].contains(&name);
+            assert_eq!(device.guards.force_limit_N, if motors { 60.0 } else { 1000.0 });
             for i in 0..device.mechanism.actuators() {
-                assert_eq!(device.actuators.kinds[i], ActuatorKind::Brake);
-                assert_eq!(device.actuators.max_torque_Nm[i], 20.0);
                 assert_eq!(device.actuators.counts_per_revolution[i], 65_536.0);
-                assert_eq!((device.actuators.lag_s[i], device.residual_Nm[i]), (2e-3, 0.0));
+                assert_eq!(device.residual_Nm[i], 0.0);
+                if motors {
+                    assert_eq!(device.actuators.kinds[i], ActuatorKind::Motor);
+                    assert!(device.damping_N_m_s_per_rad[i] > 0.0 && device.resolution_Nm[i] > 0.0);
+                } else {
+                    assert_eq!(device.actuators.kinds[i], ActuatorKind::Brake);
+                    assert_eq!(device.actuators.max_torque_Nm[i], 20.0);
+                    assert_eq!(device.actuators.lag_s[i], 2e-3);
+                }
             }
             let same = DeviceDefinition::load(&format!("sim:{name}")).unwrap();
             assert_eq!(same.parameters, device.parameters);
@@ -244,9 +316,11 @@ mod tests {
     fn every_built_in_device_is_regular_along_the_whole_wall() {
         for (name, _) in BUILT_IN {
             let device = DeviceDefinition::load(name).unwrap();
+            let scale = device.demo_wall(HandProgram::default()).handle_x_m / 0.3;
             for i in 0..=100 {
-                let y_m = -0.15 + 0.005 * f64::from(i);
-                let posture = device.mechanism.posture_at(&PlaneVector::new(0.3, y_m, 0.0));
+                let y_m = scale * (-0.15 + 0.005 * f64::from(i));
+                let place = PlaneVector::new(0.3 * scale, y_m, 0.0);
+                let posture = device.mechanism.posture_at(&place);
                 assert!(posture.is_ok(), "{name} at y = {y_m}: {posture:?}");
             }
         }
@@ -405,6 +479,60 @@ mod tests {
         let device = DeviceDefinition::from_toml("mine", &text, "mine.toml").unwrap();
         let points = [Vector3::new(0.03, 0.02, 0.0), Vector3::new(-0.03, 0.02, 0.01)];
         assert_eq!(device.tool.points_T_m(), points);
+    }
+
+    #[test]
+    fn motor_devices_hold_one_to_three_kN_per_m_and_brakes_any_stiffness() {
+        for (name, _) in BUILT_IN {
+            let device = DeviceDefinition::load(name).unwrap();
+            let largest_N_per_m = device.largest_stiffness_N_per_m();
+            let wall = device.demo_wall(HandProgram::default());
+            if ["kim-2003", "singh"].contains(&name) {
+                assert!((1e3..3e3).contains(&largest_N_per_m), "{name}: {largest_N_per_m}");
+                assert_eq!(wall.stiffness_N_per_m, largest_N_per_m);
+                // No tick of 1 ms and a lag of 0.5 ms make more of so much damping.
+                let of_damping = device.least_damping_N_s_per_m() / 1e-3;
+                assert!((largest_N_per_m / of_damping - 1.0).abs() < 1e-12);
+            } else {
+                assert_eq!((largest_N_per_m, wall.stiffness_N_per_m), (f64::INFINITY, 1e7));
+            }
+        }
+    }
+
+    #[test]
+    fn the_wall_of_the_demo_is_where_the_hand_gets_to_with_its_tool() {
+        let wall =
+            |name: &str| DeviceDefinition::load(name).unwrap().demo_wall(HandProgram::default());
+        assert_eq!((wall("cho-2005").x_m, wall("two-link").x_m), (0.3, 0.3));
+        let kim = wall("kim-2003");
+        assert!((kim.x_m - kim.handle_x_m - 0.015).abs() < 1e-12);
+        assert!((0.03..0.07).contains(&kim.handle_x_m), "{kim:?}");
+    }
+
+    #[test]
+    fn drag_and_steps_of_an_actuator_have_their_ranges() {
+        let with = |line: &str| {
+            let (_, singh) = BUILT_IN.into_iter().find(|(name, _)| *name == "singh").unwrap();
+            let text = singh.replacen("resolution_Nm = 0.001", line, 1);
+            DeviceDefinition::from_toml("mine", &text, "mine.toml")
+        };
+        assert_eq!(with("resolution_Nm = 0.5").unwrap().resolution_Nm[0], 0.5);
+        for (line, said) in [
+            ("resolution_Nm = -1", "actuators[0].resolution_Nm = -1: must be a number in 0 to"),
+            ("resolution_Nm = 2.5", "resolution_Nm = 2.5: must be at most max_torque_Nm, 2 N m"),
+            ("resolution_Nm = 0.1\nshaft_inertia_kg_m2 = nan", "shaft_inertia_kg_m2 = NaN"),
+        ] {
+            let refused = with(line).unwrap_err().to_string();
+            assert!(refused.contains(said), "{refused}");
+        }
+        let brake = changed("lag_s = 0.002", "lag_s = 0.002\nresolution_Nm = 0.1");
+        assert!(refusal(&brake).contains("resolution_Nm = 0.1: needs kind = \"motor\""));
+        let drag = changed("lag_s = 0.002", "lag_s = 0.002\ndamping_N_m_s_per_rad = -1");
+        assert!(
+            refusal(&drag).contains("damping_N_m_s_per_rad = -1: must be a number in 0 to 100")
+        );
+        let plate = changed("links = []", "links = []\nhandle_inertia_kg_m2 = 0.001");
+        assert!(refusal(&plate).contains("handle_inertia_kg_m2 = 0.001: a five-bar does not turn"));
     }
 
     #[test]

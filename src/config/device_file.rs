@@ -49,6 +49,10 @@ pub(super) struct ActuatorLayout {
     pub lag_s: f64,
     #[serde(default)]
     pub residual_torque_Nm: f64,
+    #[serde(default)]
+    pub damping_N_m_s_per_rad: f64,
+    #[serde(default)]
+    pub resolution_Nm: f64,
     #[serde(default = "usual_counts")]
     pub counts_per_revolution: i64,
     #[serde(default)]
@@ -167,6 +171,8 @@ pub(super) struct CheckedActuators {
     pub names: Vec<Id>,
     pub actuators: Actuators,
     pub residual_Nm: ActuatorVector,
+    pub damping_N_m_s_per_rad: ActuatorVector,
+    pub resolution_Nm: ActuatorVector,
 }
 
 /// Checks the `[[actuators]]` of a linkage that has `expected` shafts.
@@ -201,6 +207,8 @@ pub(super) fn check_actuators(
             lag_s: per_actuator(layouts, 0.0, |one| one.lag_s),
         },
         residual_Nm: per_actuator(layouts, 0.0, |one| one.residual_torque_Nm),
+        damping_N_m_s_per_rad: per_actuator(layouts, 0.0, |one| one.damping_N_m_s_per_rad),
+        resolution_Nm: per_actuator(layouts, 0.0, |one| one.resolution_Nm),
     })
 }
 
@@ -221,8 +229,26 @@ impl ActuatorLayout {
         units::TORQUE_LIMIT.check("max_torque_Nm", self.max_torque_Nm)?;
         units::LAG.check("lag_s", self.lag_s)?;
         units::HOLDING_TORQUE.check("residual_torque_Nm", self.residual_torque_Nm)?;
+        units::SHAFT_DAMPING.check("damping_N_m_s_per_rad", self.damping_N_m_s_per_rad)?;
+        self.check_resolution(kind)?;
         units::COUNTS.check_whole("counts_per_revolution", self.counts_per_revolution)?;
         Ok((name, kind))
+    }
+}
+
+impl ActuatorLayout {
+    /// A brake has no steps, and a step beyond the largest torque would leave none.
+    fn check_resolution(&self, kind: ActuatorKind) -> Result<(), FieldError> {
+        let (field, step_Nm) = ("resolution_Nm", self.resolution_Nm);
+        units::RESOLUTION.check(field, step_Nm)?;
+        if step_Nm > 0.0 && kind == ActuatorKind::Brake {
+            return Err(FieldError::new(field, step_Nm, "needs kind = \"motor\""));
+        }
+        if step_Nm > self.max_torque_Nm {
+            let allowed = format!("must be at most max_torque_Nm, {} N m", self.max_torque_Nm);
+            return Err(FieldError::new(field, step_Nm, allowed));
+        }
+        Ok(())
     }
 }
 

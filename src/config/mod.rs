@@ -22,8 +22,9 @@ mod served;
 mod server;
 mod server_layout;
 mod settings;
+mod stiffness;
 
-pub use device::{BUILT_IN, DeviceDefinition};
+pub use device::{BUILT_IN, DemoWall, DeviceDefinition};
 pub use error::ConfigError;
 pub use id::Id;
 pub use object::{GuidePath, ObjectKind, SceneObject};

@@ -54,4 +54,6 @@ mod homing_tests;
 #[cfg(test)]
 mod passivity_tests;
 #[cfg(test)]
+mod plate_tests;
+#[cfg(test)]
 mod touch_tests;

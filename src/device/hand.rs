@@ -4,7 +4,8 @@
 //! through springs and dampers ([`Grip`]), so it is a finite impedance, never a prescribed
 //! motion. It knows the true state of the handle but no wall, no brake and no law. It is
 //! deterministic: the same program, seed and motion give the same forces, bit for bit. It
-//! does not turn the handle: the moment is always zero.
+//! turns the handle back to where it took it, with a spring and a damper of the wrist, which a
+//! handle of two freedoms does not feel.
 //!
 //! Lengths of the programs are chosen for the workspace of `cho-2005` (0.2 to 0.5 m);
 //! [`HandProgram::fitted`] shrinks them for a smaller device.
@@ -31,6 +32,9 @@ use crate::notation::PlaneVector;
 /// Where a hand without a path of its own begins: the middle of the workspace.
 const MIDDLE_M: [f64; 2] = [0.28, 0.2];
 
+/// Where the wall of Cho 2005, section 8.1, stands; the programs' lengths are made for it.
+const WALL_M: f64 = 0.3;
+
 /// A program leaves this part of the reach to the linkage's own stop.
 const USED_REACH: f64 = 0.9;
 
@@ -48,6 +52,12 @@ pub enum HandProgram {
     /// Pulls where a person points; lets go while nobody does.
     Pointer,
 }
+
+/// The wrist, against turns of the handle: well damped with a plate of a few g m^2, and no
+/// stronger than a wrist.
+const WRIST_STIFFNESS_NM_PER_RAD: f64 = 1.0;
+const WRIST_DAMPING_NM_S_PER_RAD: f64 = 0.06;
+const WRIST_MAX_NM: f64 = 1.0;
 
 /// A name that no program has.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -89,17 +99,29 @@ impl HandProgram {
         }
     }
 
-    /// The same program, shrunk where it would leave a device whose handle reaches from
-    /// `reach_m.0` to `reach_m.1` metres. Times stay, and forces except those of `random`, which are made for its lengths.
-    #[must_use]
-    pub fn fitted(self, reach_m: (f64, f64)) -> Self {
-        let outermost_m = match &self {
-            Self::Hold | Self::Pointer => return self,
+    /// How much smaller than usual everything is for a device whose handle reaches from
+    /// `reach_m.0` to `reach_m.1` metres, so that the program stays within.
+    fn scale(&self, reach_m: (f64, f64)) -> f64 {
+        let outermost_m = match self {
+            // The middle that these begin in is that of the others' paths.
+            Self::Hold | Self::Pointer => SlideProgram::default().outermost_m(),
             Self::PressAndSlide(program) => program.outermost_m(),
             Self::Circle(program) => program.outermost_m(),
             Self::Random(program) => Vector2::from(program.home_m).norm(),
         };
-        let scale = (USED_REACH * reach_m.1 / outermost_m).min(1.0);
+        (USED_REACH * reach_m.1 / outermost_m).min(1.0)
+    }
+
+    /// Where a wall has to stand on such a device for this program to meet it, along x of B.
+    pub fn wall_m(&self, reach_m: (f64, f64)) -> f64 {
+        WALL_M * self.scale(reach_m)
+    }
+
+    /// The same program, shrunk where it would leave a device whose handle reaches from
+    /// `reach_m.0` to `reach_m.1` metres. Times stay, and forces except those of `random`, which are made for its lengths.
+    #[must_use]
+    pub fn fitted(self, reach_m: (f64, f64)) -> Self {
+        let scale = self.scale(reach_m);
         match self {
             Self::Hold | Self::Pointer => self,
             Self::PressAndSlide(program) => Self::PressAndSlide(program.scaled(scale)),
@@ -178,6 +200,8 @@ pub struct HandAction {
 #[derive(Debug)]
 pub struct Hand {
     motion: Motion,
+    /// Turn of the handle at which the wrist is at ease.
+    ease_rad: f64,
     rng: ChaCha8Rng,
 }
 
@@ -212,7 +236,7 @@ impl Hand {
             HandProgram::Random(program) => Motion::Random(random::RandomPull::new(program)),
             HandProgram::Pointer => Motion::Pointer(None),
         };
-        Self { motion, rng: ChaCha8Rng::seed_from_u64(seed) }
+        Self { motion, ease_rad: p_BH.z, rng: ChaCha8Rng::seed_from_u64(seed) }
     }
 
     /// From now on this hand pulls where `pointer` is told, whatever its program was.
@@ -234,7 +258,10 @@ impl Hand {
             Motion::Pointer(None) => (Vector2::zeros(), 0),
             Motion::Pointer(Some(pointer)) => pointer.act(&handle),
         };
-        HandAction { F_hand_BH_N: PlaneVector::new(force_N.x, force_N.y, 0.0), buttons }
+        let turn_Nm = WRIST_STIFFNESS_NM_PER_RAD * (self.ease_rad - p_BH.z)
+            - WRIST_DAMPING_NM_S_PER_RAD * v_BH.z;
+        let moment_Nm = turn_Nm.clamp(-WRIST_MAX_NM, WRIST_MAX_NM);
+        HandAction { F_hand_BH_N: PlaneVector::new(force_N.x, force_N.y, moment_Nm), buttons }
     }
 }
 

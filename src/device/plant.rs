@@ -6,8 +6,8 @@
 //!
 //! ```text
 //! lag     c <- command + (c - command) exp(-dt / lag)             exact for a first-order lag
-//! kick    v <- v + dt M^-1 (F_hand + R (tau_motor + tau_held)),   |tau_held_i| <= c_i
-//! stop    no further out than the workspace's edge                inelastic
+//! kick    v <- v + dt M^-1 (F_hand + R (tau_motor + tau_held - B R^T v)),   |tau_held_i| <= c_i
+//! stop    no further out, and not turned further, than the workspace's edge     inelastic
 //! coast   p <- p + dt v, and v along the geodesic of M(p)         no force, no change of energy
 //! ```
 //!
@@ -16,9 +16,11 @@
 //! `|L^T v|^2 / 2` with `M = L L^T`, which is kinetic energy. Explicit stick-slip chatters
 //! against stiff walls. No torque is among the choices and the set is convex, so what is held
 //! never adds energy: `v_next . R tau_held <= 0`, whatever is commanded. Residual drag is a
-//! capacity that no command takes away, on motors too.
+//! capacity that no command takes away, on motors too. Viscous drag B of the shafts acts on the
+//! velocity *after* the step, so that it takes energy however large it is: with it the
+//! problem's M is M + dt R B R^T. A motor's command is rounded to its resolution before it lags.
 //!
-//! Invariants: p stays in the annulus that the end stop leaves, at a regular posture; nothing
+//! Invariants: p stays in the annulus, and phi in the range, that the end stop leaves, at a regular posture; nothing
 //! is ever NaN; [`Energy`] never books less than what was gained. Gravity, backlash, link
 //! collisions and flexible tendons are not modelled.
 
@@ -31,6 +33,8 @@ use crate::notation::{
     ActuatorVector, HandleInertia, MAX_ACTUATORS, MAX_FREEDOMS, PlaneVector, ReferenceMatrix,
 };
 
+#[cfg(test)]
+mod plate_tests;
 #[cfg(test)]
 mod tests;
 
@@ -54,6 +58,10 @@ pub struct PlantParameters {
     pub lag_s: ActuatorVector,
     /// Drag that is there without any command.
     pub residual_Nm: ActuatorVector,
+    /// Viscous drag of the shafts, N m s/rad.
+    pub damping_N_m_s_per_rad: ActuatorVector,
+    /// Smallest step of torque that a motor can be commanded; 0: any.
+    pub resolution_Nm: ActuatorVector,
 }
 
 /// Where energy came from and went, joules since the beginning. What the handle has now is
@@ -73,6 +81,8 @@ pub struct Energy {
 pub struct Plant {
     parameters: PlantParameters,
     stops_m: (f64, f64),
+    /// Largest |phi|, where phi is a freedom.
+    turn_stop_rad: f64,
     posture: Posture,
     /// Authoritative; `posture.p_BH` has the told third coordinate of two-freedom devices.
     p_BH: PlaneVector,
@@ -88,13 +98,18 @@ impl Plant {
     /// A plant at rest at `p_BH`, everything released. Refuses a place beyond the end stop,
     /// which leaves 5 % of the linkage's reach on either side.
     pub fn new(parameters: PlantParameters, p_BH: &PlaneVector) -> Result<Self, KinematicsError> {
-        let (nearest_m, furthest_m) = parameters.mechanism.reach_m();
+        let mechanism = parameters.mechanism.as_ref();
+        let (nearest_m, furthest_m) = mechanism.reach_m();
         let margin_m = STOP_MARGIN * (furthest_m - nearest_m);
-        let stops_m = (nearest_m + margin_m, furthest_m - margin_m);
-        let p_BH = first(parameters.mechanism.freedoms(), p_BH);
-        let posture = parameters.mechanism.posture_at(&p_BH)?;
+        // A reach from zero at a regular posture has no inner edge to stop at.
+        let has_hole = nearest_m > 0.0 || mechanism.posture_at(&PlaneVector::zeros()).is_err();
+        let inner_m = if has_hole { nearest_m + margin_m } else { 0.0 };
+        let stops_m = (inner_m, furthest_m - margin_m);
+        let turn_stop_rad = (1.0 - STOP_MARGIN) * mechanism.turn_rad();
+        let p_BH = first(mechanism.freedoms(), p_BH);
+        let posture = mechanism.posture_at(&p_BH)?;
         let r_m = p_BH.xy().norm();
-        if !(stops_m.0..=stops_m.1).contains(&r_m) {
+        if !(stops_m.0..=stops_m.1).contains(&r_m) || p_BH.z.abs() > turn_stop_rad {
             return Err(KinematicsError::Unreachable {
                 needed_m: r_m,
                 min_m: stops_m.0,
@@ -102,8 +117,8 @@ impl Plant {
             });
         }
         Ok(Self {
-            parameters,
             stops_m,
+            turn_stop_rad,
             posture,
             p_BH,
             v_BH: PlaneVector::zeros(),
@@ -112,6 +127,7 @@ impl Plant {
             reached_Nm: ActuatorVector::zeros(),
             torque_Nm: ActuatorVector::zeros(),
             energy: Energy::default(),
+            parameters,
         })
     }
 
@@ -128,9 +144,23 @@ impl Plant {
                 (ActuatorKind::Motor, ActuatorCommand::Motor { torque_Nm }) => *torque_Nm,
                 _ => 0.0,
             };
-            self.commanded_Nm[i] =
+            let wanted_Nm =
                 if wanted_Nm.is_nan() { 0.0 } else { wanted_Nm.clamp(-most_Nm, most_Nm) };
+            self.commanded_Nm[i] = match self.parameters.kinds[i] {
+                ActuatorKind::Motor => self.on_grid(i, wanted_Nm, most_Nm),
+                ActuatorKind::Brake => wanted_Nm,
+            };
         }
+    }
+
+    /// The nearest torque that a motor can be commanded: a whole number of its steps.
+    fn on_grid(&self, motor: usize, torque_Nm: f64, most_Nm: f64) -> f64 {
+        let step_Nm = self.parameters.resolution_Nm[motor];
+        if step_Nm <= 0.0 {
+            return torque_Nm;
+        }
+        let most_steps = (most_Nm / step_Nm).floor();
+        (torque_Nm / step_Nm).round().clamp(-most_steps, most_steps) * step_Nm
     }
 
     /// Lets `dt_s` seconds pass under a constant hand force; one that is not finite is none.
@@ -213,34 +243,49 @@ impl Plant {
             PlaneVector::zeros()
         };
         let R = &self.posture.reference;
-        let M = invertible(&self.posture).cholesky()?;
+        let damping = &self.parameters.damping_N_m_s_per_rad;
+        let drag = R * nalgebra::SMatrix::from_diagonal(damping) * R.transpose();
+        let M = invertible(&self.posture);
+        let momentum = M * self.v_BH;
+        let M = (M + dt_s * drag).cholesky()?;
         let (drive_Nm, hold_Nm) = self.drive_and_hold();
-        let v_free = self.v_BH + dt_s * M.solve(&(F_hand_BH_N + R * drive_Nm));
+        let v_free = M.solve(&(momentum + dt_s * (F_hand_BH_N + R * drive_Nm)));
         let held_Nm = most_passive(&M.l(), R, &(v_free / dt_s), &hold_Nm)?;
         self.v_BH = v_free + dt_s * M.solve(&(R * held_Nm));
         let w = R.tr_mul(&self.v_BH);
-        self.torque_Nm = drive_Nm + held_Nm;
+        let dragged_Nm = -damping.component_mul(&w);
+        self.torque_Nm = drive_Nm + held_Nm + dragged_Nm;
         self.energy.hand_J += dt_s * F_hand_BH_N.dot(&self.v_BH);
         self.energy.motors_J += dt_s * drive_Nm.dot(&w);
-        self.energy.dissipated_J += (-dt_s * held_Nm.dot(&w)).max(0.0);
+        self.energy.dissipated_J += (-dt_s * (held_Nm + dragged_Nm).dot(&w)).max(0.0);
         Some(())
     }
 
-    /// Takes away the part of the velocity that would cross the end stop in this step, by an
-    /// impulse along the radius.
+    /// Takes away the parts of the velocity that would cross the end stop in this step: by an
+    /// impulse along the radius, and one that turns.
     fn stop(&mut self, dt_s: f64) -> Option<()> {
         let r_m = self.p_BH.xy().norm();
-        let (nearest_m, furthest_m) = self.stops_m;
-        if r_m == 0.0 {
-            return Some(());
+        if r_m > 0.0 {
+            let out = PlaneVector::new(self.p_BH.x / r_m, self.p_BH.y / r_m, 0.0);
+            let (nearest_m, furthest_m) = self.stops_m;
+            // A handle may pass through the origin where there is no hole around it.
+            let way_in_m = if nearest_m > 0.0 { nearest_m - r_m } else { f64::NEG_INFINITY };
+            self.stop_along(&out, (way_in_m / dt_s, (furthest_m - r_m) / dt_s))?;
         }
-        let out = PlaneVector::new(self.p_BH.x / r_m, self.p_BH.y / r_m, 0.0);
+        if self.parameters.mechanism.freedoms() == MAX_FREEDOMS {
+            let (phi_rad, most_rad) = (self.p_BH.z, self.turn_stop_rad);
+            let rates = ((-most_rad - phi_rad) / dt_s, (most_rad - phi_rad) / dt_s);
+            self.stop_along(&PlaneVector::z(), rates)?;
+        }
+        Some(())
+    }
+
+    /// Brings the rate along one way into its range, which always has zero, by an impulse.
+    fn stop_along(&mut self, out: &PlaneVector, (slowest, fastest): (f64, f64)) -> Option<()> {
         let speed = out.dot(&self.v_BH);
-        let slowest = ((nearest_m - r_m) / dt_s).min(0.0);
-        let fastest = ((furthest_m - r_m) / dt_s).max(0.0);
-        let excess = speed - speed.clamp(slowest, fastest);
+        let excess = speed - speed.clamp(slowest.min(0.0), fastest.max(0.0));
         if excess != 0.0 {
-            let impulse = invertible(&self.posture).cholesky()?.solve(&out);
+            let impulse = invertible(&self.posture).cholesky()?.solve(out);
             let before_J = self.kinetic_J();
             self.v_BH -= impulse * (excess / out.dot(&impulse));
             self.energy.dissipated_J += (before_J - self.kinetic_J()).max(0.0);
@@ -268,11 +313,10 @@ impl Plant {
     /// Sliding along a round stop leaves it by a little of second order: put back.
     fn inside_stops(&self, p_BH: PlaneVector) -> PlaneVector {
         let r_m = p_BH.xy().norm();
-        if r_m == 0.0 {
-            return p_BH;
-        }
-        let scale = r_m.clamp(self.stops_m.0, self.stops_m.1) / r_m;
-        PlaneVector::new(scale * p_BH.x, scale * p_BH.y, p_BH.z)
+        let held_m = r_m.clamp(self.stops_m.0, self.stops_m.1);
+        let scale = if r_m > 0.0 { held_m / r_m } else { 1.0 };
+        let phi_rad = p_BH.z.clamp(-self.turn_stop_rad, self.turn_stop_rad);
+        PlaneVector::new(scale * p_BH.x, scale * p_BH.y, phi_rad)
     }
 }
 

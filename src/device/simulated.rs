@@ -46,6 +46,10 @@ pub struct SimulationParameters {
     pub lag_s: ActuatorVector,
     /// Drag that is there without any command.
     pub residual_Nm: ActuatorVector,
+    /// Viscous drag of the shafts, N m s/rad.
+    pub damping_N_m_s_per_rad: ActuatorVector,
+    /// Smallest step of torque that a motor can be commanded; 0: any.
+    pub resolution_Nm: ActuatorVector,
     /// `None`: the hand's force is unknown.
     pub force_sensor: Option<ForceSensor>,
     /// What the simulated hand does.
@@ -68,6 +72,8 @@ impl SimulationParameters {
             counts_per_revolution: ActuatorVector::repeat(65_536.0),
             lag_s: ActuatorVector::repeat(2e-3),
             residual_Nm: ActuatorVector::zeros(),
+            damping_N_m_s_per_rad: ActuatorVector::zeros(),
+            resolution_Nm: ActuatorVector::zeros(),
             force_sensor: Some(ForceSensor::default()),
             hand,
             start_m: hand.start_m(),
@@ -118,6 +124,8 @@ impl SimulatedDevice {
             max_torque_Nm: parameters.max_torque_Nm,
             lag_s: parameters.lag_s,
             residual_Nm: parameters.residual_Nm,
+            damping_N_m_s_per_rad: parameters.damping_N_m_s_per_rad,
+            resolution_Nm: parameters.resolution_Nm,
         };
         let plant = Plant::new(plant, &p_BH)?;
         // Hand and sensors draw from different streams: a device without a force sensor has

@@ -19,6 +19,8 @@ fn plant_of(mechanism: Arc<dyn Mechanism>, kind: ActuatorKind, [x, y]: [f64; 2])
         max_torque_Nm: ActuatorVector::repeat(20.0),
         lag_s: ActuatorVector::zeros(),
         residual_Nm: ActuatorVector::zeros(),
+        damping_N_m_s_per_rad: ActuatorVector::zeros(),
+        resolution_Nm: ActuatorVector::zeros(),
     };
     Plant::new(parameters, &PlaneVector::new(x, y, 0.0)).expect("inside the stops")
 }
