@@ -7,3 +7,4 @@
 pub mod manipulability;
 pub mod smoothness;
 pub mod wall_following;
+pub mod workspace;

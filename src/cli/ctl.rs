@@ -212,6 +212,11 @@ fn print_description(description: &DeviceDescription, as_json: bool) {
             .iter()
             .map(|a| json!({ "name": a.name, "kind": kind(a.kind()), "max_torque_nm": a.max_torque_nm, "lag_s": a.lag_s, "counts_per_revolution": a.counts_per_revolution }))
             .collect();
+        let outlines: Vec<Vec<[f64; 2]>> = description
+            .workspace
+            .iter()
+            .map(|curve| curve.x_m.iter().zip(&curve.y_m).map(|(x, y)| [*x, *y]).collect())
+            .collect();
         let parameters: serde_json::Map<_, _> =
             description.parameters.iter().map(|(k, v)| (k.clone(), json!(v))).collect();
         say!(
@@ -227,6 +232,7 @@ fn print_description(description: &DeviceDescription, as_json: bool) {
                 "workspace_radius_m": [description.workspace_min_radius_m, description.workspace_max_radius_m],
                 "handle_mass_kg": description.handle_mass_kg,
                 "home_m": description.home_m.as_ref().map(|home| [home.x, home.y]),
+                "workspace_outlines_m": outlines,
                 "actuators": actuators,
                 "parameters": parameters,
             })

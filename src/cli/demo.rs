@@ -12,7 +12,7 @@ use clap::{Args, Subcommand};
 use super::format::parse_seconds;
 use super::view;
 use crate::app::{Daemon, Logs, Start, init_log};
-use crate::config::{LogLevel, ServedDevice, ServerConfig};
+use crate::config::{DemoWall, LogLevel, ServedDevice, ServerConfig};
 use crate::device::HandProgram;
 use crate::telemetry::RunFigures;
 
@@ -38,12 +38,14 @@ enum Which {
 }
 
 /// The experiment of Cho 2005: a hand presses 10 N into a wall at x = 0.3 m of 1e7 N/m and
-/// slides along it in -y at 0.1 m/s.
+/// slides along it in -y at 0.1 m/s. On a smaller device all lengths shrink to its reach, and
+/// motors get the stiffest wall that they can hold.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   hapticd demo wall
   hapticd demo wall --seconds 10 --json
-  hapticd demo wall --device cho-2005-unoptimised --seconds 20")]
+  hapticd demo wall --device cho-2005-unoptimised --seconds 20
+  hapticd demo wall --device kim-2003 --seconds 10")]
 struct Wall {
     /// End after this time; without it, at Ctrl-C or q
     #[arg(long, value_name = "N", value_parser = parse_seconds, allow_negative_numbers = true)]
@@ -87,12 +89,13 @@ impl Wall {
         let logs = init_log(&config.log)?;
         let mut daemon = Daemon::start(&config, Start { or_free_ports: true })?;
         announce(&daemon, &logs);
-        let mut scene = Scene::start(&daemon)?;
+        let wall = daemon.devices()[0].host().definition().demo_wall(self.hand);
+        let mut scene = Scene::start(&daemon, &wall)?;
         let until = self.seconds.map(|seconds| Instant::now() + seconds);
         let live = !self.json && std::io::stdout().is_terminal();
         if live {
             logs.flush();
-            view::live(&mut daemon, until, &mut || scene.check())?;
+            view::live(&mut daemon, &wall, until, &mut || scene.check())?;
         } else {
             let tell = |line: String| if self.json { logs.line(&line) } else { say!("{line}") };
             view::plain(&mut daemon, until, &tell, &mut || scene.check())?;
@@ -134,11 +137,13 @@ struct Scene {
 }
 
 impl Scene {
-    fn start(daemon: &Daemon) -> anyhow::Result<Self> {
+    fn start(daemon: &Daemon, wall: &DemoWall) -> anyhow::Result<Self> {
         let program = std::env::current_exe().context("cannot find this program")?;
         let stderr = tempfile::tempfile().context("no file for what the scene says")?;
         let child = Command::new(program)
             .args(["scene", "wall", "--connect", &daemon.connect_string().to_string()])
+            .args(["--x", &wall.x_m.to_string()])
+            .args(["--stiffness", &wall.stiffness_N_per_m.to_string()])
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(stderr.try_clone()?)

@@ -57,7 +57,7 @@ struct Wall {
 }
 
 /// Where the wall of the experiment stands, metres (Cho 2005, section 8.1).
-pub const WALL_X_M: f32 = 0.3;
+const WALL_X_M: f32 = 0.3;
 
 /// A wall holds this long without a newer command; a scene that hangs loses it soon.
 const TTL_MS: u32 = 100;

@@ -33,8 +33,8 @@ pub struct Settings {
     /// Configuration file; `hapticd config --example` prints one
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Built-in device (cho-2005, cho-2005-unoptimised, cho-2005-crossed, two-link) or a device
-    /// file; several times for several devices, with an ID to call it otherwise
+    /// Built-in device (cho-2005, cho-2005-unoptimised, cho-2005-crossed, two-link, kim-2003,
+    /// singh, singh-brakes) or a device file; several times for several devices, with an ID to call it otherwise
     #[arg(long = "device", value_name = "[ID=]NAME|FILE")]
     pub devices: Vec<String>,
     /// Program of the simulated hand: hold, press-and-slide, circle, random, pointer

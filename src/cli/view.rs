@@ -15,8 +15,9 @@ use ratatui::widgets::{Block, Paragraph};
 
 use super::format;
 use crate::app::{Daemon, RunningDevice};
-use crate::config::DeviceDefinition;
+use crate::config::{DemoWall, DeviceDefinition};
 use crate::control::{Limit, Mount, RenderedSource, Report};
+use crate::mechanism::Outline;
 use crate::proto;
 use crate::telemetry::RunFigures;
 
@@ -33,13 +34,18 @@ const LONGEST_M: f64 = 0.25;
 type Check<'a> = &'a mut dyn FnMut() -> anyhow::Result<()>;
 
 /// Draws until `until`, q, Ctrl-C, SIGTERM or a failed check.
-pub fn live(daemon: &mut Daemon, until: Option<Instant>, check: Check) -> anyhow::Result<()> {
+pub fn live(
+    daemon: &mut Daemon,
+    wall: &DemoWall,
+    until: Option<Instant>,
+    check: Check,
+) -> anyhow::Result<()> {
     let mut terminal = ratatui::try_init()?;
     let result = (|| loop {
         check()?;
         let device = &daemon.devices()[0];
         let (report, figures) = (device.host().report(), device.figures());
-        terminal.draw(|frame| draw(frame, daemon, device, &report, &figures))?;
+        terminal.draw(|frame| draw(frame, daemon, device, wall, &report, &figures))?;
         let over = until.is_some_and(|until| Instant::now() >= until);
         if over || quit_pressed()? || daemon.wait_for_signal(Some(Instant::now())) {
             return Ok(());
@@ -112,6 +118,7 @@ fn draw(
     frame: &mut Frame,
     daemon: &Daemon,
     device: &RunningDevice,
+    wall: &DemoWall,
     report: &Report,
     figures: &RunFigures,
 ) {
@@ -119,7 +126,7 @@ fn draw(
         Layout::horizontal([Constraint::Min(40), Constraint::Length(44)]).areas(frame.area());
     let mount = device.host().settings().settings.mount;
     let device = device.host().definition();
-    draw_device(frame, picture, device, &mount, report);
+    draw_device(frame, picture, device, wall, &mount, report);
     let [forces, brakes, latency] = Layout::vertical([
         Constraint::Length(13),
         Constraint::Length(3 + device.actuator_names.len() as u16),
@@ -137,6 +144,7 @@ fn draw_device(
     frame: &mut Frame,
     area: Rect,
     device: &DeviceDefinition,
+    wall: &DemoWall,
     mount: &Mount,
     report: &Report,
 ) {
@@ -150,9 +158,9 @@ fn draw_device(
     let width_m = height_m * aspect;
     let centre_m = [0.3 * reach_m, 0.1 * reach_m];
     let paint = |canvas: &mut Context| {
-        draw_wall(canvas, &plane, reach_m);
+        draw_wall(canvas, &plane, wall, reach_m);
         if let Ok(posture) = mechanism.posture_at(&report.p_BH) {
-            let mut segments = [([0.0; 2], [0.0; 2]); 8];
+            let mut segments = Outline::default();
             let count = mechanism.outline(&posture, &mut segments);
             for (from, to) in &segments[..count] {
                 canvas.draw(&Stroke::new(from[0], from[1], to[0], to[1], Color::Gray));
@@ -216,8 +224,8 @@ impl Plane<'_> {
 }
 
 /// The demo's wall; the view belongs to the demo and knows its scene.
-fn draw_wall(canvas: &mut Context, plane: &Plane, reach_m: f64) {
-    let cut = plane.cut(&Vector3::x(), super::scene::WALL_X_M.into(), reach_m);
+fn draw_wall(canvas: &mut Context, plane: &Plane, wall: &DemoWall, reach_m: f64) {
+    let cut = plane.cut(&Vector3::x(), wall.x_m, reach_m);
     if let Some([from, to]) = cut {
         canvas.draw(&Stroke::new(from[0], from[1], to[0], to[1], Color::Cyan));
     }

@@ -11,15 +11,17 @@ use tonic::{Request, Response, Status};
 use super::desk::{Desk, Desks};
 use super::{convert, explain, field_status, manipulability, names, settings, watches};
 use crate::actuation::ActuatorKind;
+use crate::analysis::workspace;
 use crate::config::{Id, Settings};
 use crate::control::{ModeCommand, Report};
 use crate::host::DeviceHost;
+use crate::mechanism::Mechanism;
 use crate::net::SessionDesk;
 use crate::proto::device_service_server::DeviceService;
 use crate::proto::{
     self, ActuatorDescription, ClearFaultRequest, Device, DeviceDescription, DeviceMode,
     DeviceState, DisableRequest, EnableRequest, GetDescriptionRequest, GetStateRequest,
-    ListDevicesRequest, ListDevicesResponse, StopRequest, WatchStateRequest,
+    ListDevicesRequest, ListDevicesResponse, StopRequest, WatchStateRequest, WorkspaceOutline,
 };
 use crate::units::FieldError;
 
@@ -274,6 +276,18 @@ fn listed(host: &DeviceHost, report: &Report) -> Device {
     }
 }
 
+/// Cells to a side of the grid behind the outlines: enough for a picture.
+const OUTLINE_CELLS: usize = 48;
+
+fn outlines(mechanism: &dyn Mechanism) -> Vec<WorkspaceOutline> {
+    let curves = workspace::outlines(mechanism, 0.0, OUTLINE_CELLS);
+    let split = |curve: workspace::Curve| {
+        let (x_m, y_m) = curve.into_iter().map(|[x, y]| (x, y)).unzip();
+        WorkspaceOutline { x_m, y_m }
+    };
+    curves.into_iter().map(split).collect()
+}
+
 fn describe(host: &DeviceHost) -> DeviceDescription {
     let device = host.definition();
     let Settings { guards, mount, .. } = host.settings().settings;
@@ -304,6 +318,7 @@ fn describe(host: &DeviceHost) -> DeviceDescription {
         mount: convert::pose(&mount.p_WB_m, &mount.q_WB),
         parameters: device.parameters.iter().cloned().collect(),
         handle_mass_kg: device.handle_mass_kg,
+        workspace: outlines(device.mechanism.as_ref()),
         home_m: device.home_m.map(|[x, y]| proto::Vector3 { x, y, z: 0.0 }),
     }
 }
