@@ -132,7 +132,7 @@ fn a_device_file_that_cannot_be_is_refused_by_its_field() {
         ("0.124", "1.124", "mechanism.l_m[2] = 1.124"),
         ("0.124", "-0.124", "mechanism.l_m[2] = -0.124"),
         ("0.124", "nan", "mechanism.l_m[2] = NaN"),
-        ("k3 = 0.781", "k3 = 0.781\nk5 = 1.0", "mechanism.k5: unknown field"),
+        ("k3 = 0.781", "k3 = 0.781\nk5 = 1.0", "mechanism.k5 = 1: unknown field"),
         (
             "rate_hz = 1000",
             "rate_hz = 99999",

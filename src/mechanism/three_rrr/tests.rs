@@ -60,7 +60,8 @@ fn a_turn_that_leaves_nothing_and_what_is_out_of_range_are_refused_by_name() {
 
 #[test]
 fn six_actuators_stay_far_from_singular_where_three_do_not() {
-    let device = device(KIM);
+    // One elbow against the others brings the base alone to singular postures.
+    let device = device(ThreeRrrParameters { elbows: [1, -1, 1], ..KIM });
     let (mut three, mut six) = (0.0_f64, 0.0_f64);
     for step in 0..2_000 {
         let share = |k: f64| (f64::from(step) * k).fract();
@@ -235,7 +236,7 @@ proptest! {
         };
         let (p_m, phi_rad) = device.fitted(given_m)?;
         let elsewhere = misfit(p_m + Vector2::new(step[0], step[1]), phi_rad + 10.0 * step[2]);
-        prop_assert!(misfit(p_m, phi_rad) <= elsewhere);
+        prop_assert!(misfit(p_m, phi_rad) <= elsewhere + 1e-15);
     }
 
     #[test]
