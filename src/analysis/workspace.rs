@@ -9,12 +9,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::TAU;
 
-use crate::mechanism::{KinematicsError, LEAST_MARGIN, Mechanism};
+use crate::mechanism::{KinematicsError, Mechanism};
 use crate::notation::PlaneVector;
 
-/// A margin that falls below this between two grid points falls to zero there: on the way
-/// to a border it is this small only within a millionth of the linkage's size.
-const ZERO_MARGIN: f64 = 10.0 * LEAST_MARGIN;
+/// A margin that a search brings below this is zero there: a search that ends beside a locus,
+/// at the end of its edge, stays above it unless it is as near as the search is exact.
+const ZERO_MARGIN: f64 = 1e-6;
 
 /// A margin this large at both ends of an edge and in its middle is not zero in between, on a
 /// grid of a few dozen cells: margins change by about one over a link's length.
@@ -215,10 +215,10 @@ impl Grid {
         }
         let mut curves = Vec::new();
         // Open curves from their ends first, then what is left: closed ones.
-        for least in [1, 2] {
+        for most in [1, 2] {
             while let Some(first) = joined
                 .iter()
-                .find(|(_, others)| (1..=least).contains(&others.len()))
+                .find(|(_, others)| (1..=most).contains(&others.len()))
                 .map(|(edge, _)| *edge)
             {
                 let way = walk(&mut joined, first);
@@ -328,7 +328,7 @@ mod tests {
         assert!(!found.singular.is_empty());
         for [x, y] in found.singular.iter().flatten() {
             let about = |y_m: f64| (x.hypot(y - y_m) - 0.15).abs();
-            assert!(about(height_m).min(about(-height_m)) < 1e-4, "{x} {y}");
+            assert!(about(height_m).min(about(-height_m)) < 1e-6, "{x} {y}");
         }
         let total_m: f64 = found.singular.iter().map(length_m).sum();
         assert!((0.3..1.0).contains(&total_m), "{total_m}");

@@ -527,7 +527,7 @@ mod tests {
         }
         let brake = changed("lag_s = 0.002", "lag_s = 0.002\nresolution_Nm = 0.1");
         assert!(refusal(&brake).contains("resolution_Nm = 0.1: needs kind = \"motor\""));
-        let drag = changed("lag_s = 0.002", "lag_s = 0.002\ndamping_N_m_s_per_rad = -1");
+        let drag = changed("damping_N_m_s_per_rad = 0.0", "damping_N_m_s_per_rad = -1");
         assert!(
             refusal(&drag).contains("damping_N_m_s_per_rad = -1: must be a number in 0 to 100")
         );

@@ -106,8 +106,8 @@ pub(super) fn shared(mechanism: impl Mechanism + 'static) -> Arc<dyn Mechanism> 
 /// The linkage that `[mechanism]`, with its `kind`, and `weights` describe together.
 pub fn build(table: &BTreeMap<String, Value>, weights: &Weights) -> Result<Built, FieldError> {
     let kind = kind_of(table)?;
-    for key in table.keys().filter(|key| key.as_str() != "kind") {
-        kind.require_own(key, &table[key])?;
+    for (key, value) in table.iter().filter(|(key, _)| key.as_str() != "kind") {
+        kind.require_own(key, value)?;
     }
     let read = |key: &'static Key| Ok((key, key.read(table.get(key.name))?));
     let values = kind.keys.iter().map(read).collect::<Result<_, FieldError>>()?;

@@ -113,6 +113,7 @@ type LegAngles = [[f64; 2]; 2];
 impl SymmetricFiveBar {
     /// Checks the parameters. `inertia.links` are the driven links on O1 and O2, then the
     /// distal ones on B1 and B2, whose centres are measured towards the handle.
+    #[expect(clippy::disallowed_methods, reason = "parameters are checked before the first tick")]
     pub fn new(
         parameters: SymmetricFiveBarParameters,
         inertia: Inertia<4>,
@@ -230,8 +231,7 @@ impl SymmetricFiveBar {
         for (i, [driven, _]) in w.iter().enumerate() {
             reference.fixed_view_mut::<2, 1>(0, i).copy_from(driven);
         }
-        let driven =
-            |i: usize| LinkMotion { joint: Matrix2::zeros(), along: u[i][0], rate_per_m: w[i][0] };
+        let driven = |i: usize| LinkMotion::at_base(u[i][0], w[i][0]);
         let distal = |i: usize| LinkMotion {
             joint: swing(self.leg_m[0], u[i][0], w[i][0]),
             along: u[i][1],

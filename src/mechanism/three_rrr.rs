@@ -21,8 +21,7 @@ use nalgebra::{Matrix2x3, Vector2, Vector3};
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_6, PI};
 
 use super::{
-    Inertia, KinematicsError, LONGEST_ANGLE_RAD, Mechanism, Outline, ParameterError, Posture,
-    WorkingMode,
+    Inertia, KinematicsError, Mechanism, Outline, ParameterError, Posture, WorkingMode,
     geometry::{
         arm_angles, arm_rates, cross, direction, finite_point, require_margin, swing, turned,
         usable_angles, wrap,
@@ -238,9 +237,7 @@ impl Mechanism for ThreeRrr {
 
     fn posture_at(&self, p_BH: &PlaneVector) -> Result<Posture, KinematicsError> {
         let p_m = finite_point(p_BH)?;
-        if !(p_BH.z.abs() <= LONGEST_ANGLE_RAD) {
-            return Err(KinematicsError::NotFinite);
-        }
+        usable_angles::<1>(&[p_BH.z])?;
         let elbows = self.parameters.elbows.map(f64::from);
         self.posture(p_m, p_BH.z, self.chains(p_m, p_BH.z, elbows)?)
     }

@@ -48,7 +48,8 @@ fn a_driven_plate_stays_within_its_stops_and_its_books() {
         assert!(plant.kinetic_J() <= hand_J + motors_J - dissipated_J + 1e-9);
         let exact = plant.parameters.mechanism.posture_at(plant.p_BH()).expect("regular");
         let wrong = (plant.shaft_rad() - exact.shaft_rad).map(|a| (a / TAU).round() * TAU - a);
-        assert!(wrong.norm() < 1e-6, "step {step}: {wrong}");
+        // A tenth of a count of 65,536: the plate turns at tens of rad/s here.
+        assert!(wrong.norm() < 1e-5, "step {step}: {wrong}");
     }
     let (_, furthest_m) = plant.parameters.mechanism.reach_m();
     assert!((0.9..=0.95 + 1e-9).contains(&(most_m / furthest_m)), "{most_m}");
