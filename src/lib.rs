@@ -21,6 +21,7 @@
 //! | [`device`] | where samples come from: simulated plant and hand |
 //! | [`config`] | what the user wrote becomes what the loop needs |
 //! | [`explain`] | PURE from the report of a tick to sentences |
+//! | `plot` | pictures, as data and on paper |
 //! | [`analysis`] | PURE offline: experiments in virtual time |
 //! | [`recording`] | what ticks saw and decided as a file, run again and compared |
 //! | `clock` | the device clock, for the rim |
@@ -75,6 +76,8 @@ pub mod mechanism;
 #[cfg(feature = "net")]
 pub mod net;
 pub mod notation;
+#[cfg(feature = "design")]
+pub mod plot;
 pub mod proto;
 #[cfg(feature = "client")]
 pub mod quic;

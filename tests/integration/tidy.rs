@@ -26,6 +26,7 @@ const LAYERS: &[&str] = &[
     "device",
     "config",
     "explain",
+    "plot",
     "analysis",
     "recording",
     "clock",
