@@ -120,12 +120,18 @@ pub const QUATERNION_LENGTH: Range = Range::new(0.99, 1.01, "(length)");
 pub const TORQUE_LIMIT: Range = Range::new(1e-6, 1000.0, "N m");
 /// Torque of a released brake, or of a stopped one.
 pub const HOLDING_TORQUE: Range = Range::new(0.0, 1000.0, "N m");
+/// Width of a brake's hysteresis as a share of its largest torque.
+pub const HYSTERESIS: Range = Range::new(0.0, 0.5, "of the largest torque");
+/// Free play between shaft and brake, from end to end.
+pub const BACKLASH: Range = Range::new(0.0, 0.5, "rad");
 /// Time constant of an actuator.
 pub const LAG: Range = Range::new(0.0, 1.0, "s");
 /// Viscous drag of a shaft.
 pub const SHAFT_DAMPING: Range = Range::new(0.0, 100.0, "N m s/rad");
 /// Smallest step of a motor's torque; 0: none.
 pub const RESOLUTION: Range = Range::new(0.0, 100.0, "N m");
+/// What the torque of an actuator counts in the distribution of force.
+pub const WEIGHT: Range = Range::new(1e-3, 1e3, "(no unit)");
 /// Encoder counts of one turn of a shaft.
 pub const COUNTS: Range = Range::new(16.0, 4_294_967_296.0, "counts");
 /// Noise or bias of a force sensor.

@@ -14,7 +14,7 @@ use nalgebra::Vector3;
 
 use crate::actuation::{Bounds, Capability, ShaftMotion, Strategy};
 use crate::control::{Actuators, Guards, Mount, Tool};
-use crate::device::{ForceSensor, HandProgram, SimulationParameters};
+use crate::device::{ForceSensor, HandProgram, Imperfections, SimulationParameters};
 use crate::mechanism::{Mechanism, Posture};
 use crate::notation::{ActuatorVector, MAX_ACTUATORS, PlaneVector};
 use crate::units::FieldError;
@@ -61,10 +61,10 @@ pub struct DeviceDefinition {
     pub actuator_names: Vec<Id>,
     /// Torque of each actuator without any command.
     pub residual_Nm: ActuatorVector,
+    /// Hysteresis and backlash of the simulated brakes.
+    pub imperfections: Imperfections,
     /// Viscous drag of each shaft, N m s/rad.
     pub damping_N_m_s_per_rad: ActuatorVector,
-    /// Smallest step of torque that each motor can give; 0: any.
-    pub resolution_Nm: ActuatorVector,
     /// See [`DeviceDefinition::least_damping_N_s_per_m`].
     least_damping_N_s_per_m: f64,
     /// Where the handle is when the device is homed, in B; `None`: the encoders are absolute.
@@ -122,8 +122,8 @@ impl DeviceDefinition {
             names,
             actuators,
             residual_Nm,
+            imperfections,
             damping_N_m_s_per_rad,
-            resolution_Nm,
         } = check_actuators(&layout.actuators, mechanism.name(), mechanism.actuators())?;
         let mut settings = Settings::default();
         let tick_ns = layout.control.check(&mut settings)?;
@@ -145,8 +145,8 @@ impl DeviceDefinition {
             actuators,
             actuator_names: names,
             residual_Nm,
+            imperfections,
             damping_N_m_s_per_rad,
-            resolution_Nm,
             least_damping_N_s_per_m: stiffness::least_damping_N_s_per_m(
                 mechanism.as_ref(),
                 &damping_N_m_s_per_rad,
@@ -216,8 +216,9 @@ impl DeviceDefinition {
             counts_per_revolution: self.actuators.counts_per_revolution,
             lag_s: self.actuators.lag_s,
             residual_Nm: self.residual_Nm,
+            imperfections: self.imperfections,
             damping_N_m_s_per_rad: self.damping_N_m_s_per_rad,
-            resolution_Nm: self.resolution_Nm,
+            resolution_Nm: self.actuators.resolution_Nm,
             force_sensor: self.force_sensor,
             hand: hand.fitted(self.mechanism.reach_m()),
             start_m: self.start_m,
@@ -286,7 +287,10 @@ mod tests {
                 assert_eq!(device.residual_Nm[i], 0.0);
                 if motors {
                     assert_eq!(device.actuators.kinds[i], ActuatorKind::Motor);
-                    assert!(device.damping_N_m_s_per_rad[i] > 0.0 && device.resolution_Nm[i] > 0.0);
+                    assert!(
+                        device.damping_N_m_s_per_rad[i] > 0.0
+                            && device.actuators.resolution_Nm[i] > 0.0
+                    );
                 } else {
                     assert_eq!(device.actuators.kinds[i], ActuatorKind::Brake);
                     assert_eq!(device.actuators.max_torque_Nm[i], 20.0);
@@ -398,6 +402,8 @@ mod tests {
                 "residual_torque_Nm = -1",
                 "actuators[0].residual_torque_Nm = -1",
             ),
+            ("hysteresis = 0.0", "hysteresis = 2", "actuators[0].hysteresis = 2"),
+            ("backlash_rad = 0.0", "backlash_rad = -1", "actuators[0].backlash_rad = -1"),
             (
                 "counts_per_revolution = 65536",
                 "counts_per_revolution = 0",
@@ -516,7 +522,7 @@ mod tests {
             let text = singh.replacen("resolution_Nm = 0.001", line, 1);
             DeviceDefinition::from_toml("mine", &text, "mine.toml")
         };
-        assert_eq!(with("resolution_Nm = 0.5").unwrap().resolution_Nm[0], 0.5);
+        assert_eq!(with("resolution_Nm = 0.5").unwrap().actuators.resolution_Nm[0], 0.5);
         for (line, said) in [
             ("resolution_Nm = -1", "actuators[0].resolution_Nm = -1: must be a number in 0 to"),
             ("resolution_Nm = 2.5", "resolution_Nm = 2.5: must be at most max_torque_Nm, 2 N m"),

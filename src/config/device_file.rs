@@ -10,7 +10,7 @@ use super::linkage::{InertiaLayout, MechanismLayout};
 use super::{Id, Setting, Settings};
 use crate::actuation::{ActuatorKind, Strategy};
 use crate::control::{Actuators, Guards};
-use crate::device::ForceSensor;
+use crate::device::{ForceSensor, Imperfections};
 use crate::notation::{ActuatorVector, MAX_ACTUATORS};
 use crate::units::{self, FieldError};
 
@@ -50,9 +50,15 @@ pub(super) struct ActuatorLayout {
     #[serde(default)]
     pub residual_torque_Nm: f64,
     #[serde(default)]
+    pub hysteresis: f64,
+    #[serde(default)]
+    pub backlash_rad: f64,
+    #[serde(default)]
     pub damping_N_m_s_per_rad: f64,
     #[serde(default)]
     pub resolution_Nm: f64,
+    #[serde(default = "usual_weight")]
+    pub weight: f64,
     #[serde(default = "usual_counts")]
     pub counts_per_revolution: i64,
     #[serde(default)]
@@ -65,6 +71,10 @@ fn usual_torque() -> f64 {
 
 fn usual_lag() -> f64 {
     0.002
+}
+
+fn usual_weight() -> f64 {
+    1.0
 }
 
 fn usual_counts() -> i64 {
@@ -171,8 +181,8 @@ pub(super) struct CheckedActuators {
     pub names: Vec<Id>,
     pub actuators: Actuators,
     pub residual_Nm: ActuatorVector,
+    pub imperfections: Imperfections,
     pub damping_N_m_s_per_rad: ActuatorVector,
-    pub resolution_Nm: ActuatorVector,
 }
 
 /// Checks the `[[actuators]]` of a linkage that has `expected` shafts.
@@ -205,10 +215,16 @@ pub(super) fn check_actuators(
                 one.counts_per_revolution as f64
             }),
             lag_s: per_actuator(layouts, 0.0, |one| one.lag_s),
+            resolution_Nm: per_actuator(layouts, 0.0, |one| one.resolution_Nm),
+            weight: per_actuator(layouts, 1.0, |one| one.weight),
+            hysteresis_Nm: per_actuator(layouts, 0.0, |one| one.hysteresis * one.max_torque_Nm),
         },
         residual_Nm: per_actuator(layouts, 0.0, |one| one.residual_torque_Nm),
+        imperfections: Imperfections {
+            hysteresis: per_actuator(layouts, 0.0, |one| one.hysteresis),
+            backlash_rad: per_actuator(layouts, 0.0, |one| one.backlash_rad),
+        },
         damping_N_m_s_per_rad: per_actuator(layouts, 0.0, |one| one.damping_N_m_s_per_rad),
-        resolution_Nm: per_actuator(layouts, 0.0, |one| one.resolution_Nm),
     })
 }
 
@@ -229,8 +245,11 @@ impl ActuatorLayout {
         units::TORQUE_LIMIT.check("max_torque_Nm", self.max_torque_Nm)?;
         units::LAG.check("lag_s", self.lag_s)?;
         units::HOLDING_TORQUE.check("residual_torque_Nm", self.residual_torque_Nm)?;
+        units::HYSTERESIS.check("hysteresis", self.hysteresis)?;
+        units::BACKLASH.check("backlash_rad", self.backlash_rad)?;
         units::SHAFT_DAMPING.check("damping_N_m_s_per_rad", self.damping_N_m_s_per_rad)?;
         self.check_resolution(kind)?;
+        units::WEIGHT.check("weight", self.weight)?;
         units::COUNTS.check_whole("counts_per_revolution", self.counts_per_revolution)?;
         Ok((name, kind))
     }

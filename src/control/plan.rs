@@ -57,6 +57,13 @@ pub struct Actuators {
     pub counts_per_revolution: ActuatorVector,
     /// Time constant from commanded to actual torque, seconds; 0 is at once.
     pub lag_s: ActuatorVector,
+    /// Smallest step of a motor's torque; 0: none.
+    pub resolution_Nm: ActuatorVector,
+    /// What a torque counts among torques that give the same wrench; 1 beyond the device's
+    /// actuators.
+    pub weight: ActuatorVector,
+    /// Width by which a brake's torque stays behind its command, N m.
+    pub hysteresis_Nm: ActuatorVector,
 }
 
 /// Bounds on what is asked and how it may change.

@@ -163,6 +163,9 @@ fn render(state: &mut ControlState, estimate: &Estimate, input: &TickInput) -> D
     let shafts = Shafts {
         lag_s: &plan.actuators.lag_s,
         counts_per_revolution: &plan.actuators.counts_per_revolution,
+        hysteresis_Nm: &plan.actuators.hysteresis_Nm,
+        resolution_Nm: &plan.actuators.resolution_Nm,
+        weight: &plan.actuators.weight,
     };
     let outcome = allocate(plan.strategy, &capability, &handle, &wanted, &shafts, &mut state.law);
     let commands = guard::commands(state.mode, &outcome.torque_Nm, plan, &mut limits);

@@ -186,6 +186,9 @@ fn box_rig(element: impl Fn(&Mount) -> Element) -> Rig {
         max_torque_Nm: ActuatorVector::repeat(1e3),
         counts_per_revolution: ActuatorVector::repeat(1e8),
         lag_s: ActuatorVector::zeros(),
+        resolution_Nm: ActuatorVector::zeros(),
+        weight: ActuatorVector::repeat(1.0),
+        hysteresis_Nm: ActuatorVector::zeros(),
     };
     plan.mount = Mount {
         p_WB_m: Vector3::new(0.1, 0.2, 0.3),

@@ -196,6 +196,12 @@ pub struct HandAction {
     pub buttons: u32,
 }
 
+/// A hand that somebody else wrote: an experiment's, a test's.
+pub trait HandPull: Send + fmt::Debug {
+    /// What it does for the next `dt_s` seconds to a handle at `p_BH` that moves at `v_BH`.
+    fn act(&mut self, p_BH: &PlaneVector, v_BH: &PlaneVector, dt_s: f64) -> HandAction;
+}
+
 /// A hand at work.
 #[derive(Debug)]
 pub struct Hand {
@@ -215,6 +221,7 @@ enum Motion {
     Random(random::RandomPull),
     /// `None`: nobody can point yet.
     Pointer(Option<Pointer>),
+    Other(Box<dyn HandPull>),
 }
 
 /// The state of the handle that a hand reacts to, and the time since it last did.
@@ -244,6 +251,11 @@ impl Hand {
         self.motion = Motion::Pointer(Some(pointer));
     }
 
+    /// From now on this is somebody else's hand, whatever its program was.
+    pub fn hand_over(&mut self, other: Box<dyn HandPull>) {
+        self.motion = Motion::Other(other);
+    }
+
     /// What the hand does for the next `dt_s` seconds to a handle at `p_BH` that moves at
     /// `v_BH`. Finite for finite arguments; does not allocate.
     pub fn act(&mut self, p_BH: &PlaneVector, v_BH: &PlaneVector, dt_s: f64) -> HandAction {
@@ -257,6 +269,7 @@ impl Hand {
             Motion::Random(random) => (random.act(&handle, &mut self.rng), 0),
             Motion::Pointer(None) => (Vector2::zeros(), 0),
             Motion::Pointer(Some(pointer)) => pointer.act(&handle),
+            Motion::Other(other) => return other.act(p_BH, v_BH, dt_s),
         };
         let turn_Nm = WRIST_STIFFNESS_NM_PER_RAD * (self.ease_rad - p_BH.z)
             - WRIST_DAMPING_NM_S_PER_RAD * v_BH.z;

@@ -16,10 +16,10 @@ mod simulated;
 
 pub use fault_injector::{Episode, FaultInjector, Injection, episodes};
 pub use hand::{
-    CircleProgram, Grip, HandAction, HandProgram, Pointer, PointerInput, PointerTarget,
+    CircleProgram, Grip, HandAction, HandProgram, HandPull, Pointer, PointerInput, PointerTarget,
     RandomProgram, SlideProgram, UnknownHandProgram,
 };
-pub use plant::{Energy, Plant, PlantParameters};
+pub use plant::{Energy, Imperfections, Plant, PlantParameters};
 pub use sensors::{ForceSensor, Sensors};
 pub use simulated::{LONGEST_GAP_NS, SUBSTEP_NS, SimulatedDevice, SimulationParameters, Truth};
 

@@ -19,10 +19,11 @@
 //! capacity that no command takes away, on motors too. Viscous drag B of the shafts acts on the
 //! velocity *after* the step, so that it takes energy however large it is: with it the
 //! problem's M is M + dt R B R^T. A motor's command is rounded to its resolution before it lags.
+//! Brakes can have hysteresis and free play ([`Imperfections`]).
 //!
-//! Invariants: p stays in the annulus, and phi in the range, that the end stop leaves, at a regular posture; nothing
-//! is ever NaN; [`Energy`] never books less than what was gained. Gravity, backlash, link
-//! collisions and flexible tendons are not modelled.
+//! Invariants: p stays in the annulus, and phi in the range, that the end stop leaves, at a
+//! regular posture; nothing is ever NaN; [`Energy`] never books less than what was gained.
+//! Gravity, link collisions and flexible tendons are not modelled.
 
 use std::sync::Arc;
 
@@ -33,10 +34,15 @@ use crate::notation::{
     ActuatorVector, HandleInertia, MAX_ACTUATORS, MAX_FREEDOMS, PlaneVector, ReferenceMatrix,
 };
 
+mod imperfections;
+
 #[cfg(test)]
 mod plate_tests;
 #[cfg(test)]
 mod tests;
+
+pub use imperfections::Imperfections;
+use imperfections::Slack;
 
 /// The end stop keeps this part of the reach, on either side, out of the workspace: linkages
 /// are singular at the ends of their reach.
@@ -44,6 +50,9 @@ const STOP_MARGIN: f64 = 0.05;
 
 /// Half the distance between the postures whose inertias give its gradient.
 const GRADIENT_STEP_M: f64 = 1e-5;
+
+/// A Newton step this short, in metres or radians, leaves nothing that an encoder could see.
+const NEWTON_M: f64 = 1e-6;
 
 /// What a plant is made of.
 #[derive(Clone, Debug)]
@@ -58,6 +67,8 @@ pub struct PlantParameters {
     pub lag_s: ActuatorVector,
     /// Drag that is there without any command.
     pub residual_Nm: ActuatorVector,
+    /// Hysteresis and backlash of the brakes.
+    pub imperfections: Imperfections,
     /// Viscous drag of the shafts, N m s/rad.
     pub damping_N_m_s_per_rad: ActuatorVector,
     /// Smallest step of torque that a motor can be commanded; 0: any.
@@ -90,6 +101,7 @@ pub struct Plant {
     shaft_rad: ActuatorVector,
     commanded_Nm: ActuatorVector,
     reached_Nm: ActuatorVector,
+    slack: Slack,
     torque_Nm: ActuatorVector,
     energy: Energy,
 }
@@ -125,6 +137,7 @@ impl Plant {
             shaft_rad: posture.shaft_rad,
             commanded_Nm: ActuatorVector::zeros(),
             reached_Nm: ActuatorVector::zeros(),
+            slack: Slack::default(),
             torque_Nm: ActuatorVector::zeros(),
             energy: Energy::default(),
             parameters,
@@ -220,19 +233,31 @@ impl Plant {
             let behind_Nm = self.reached_Nm[i] - self.commanded_Nm[i];
             self.reached_Nm[i] = self.commanded_Nm[i] + kept * behind_Nm;
         }
+        let PlantParameters { imperfections, max_torque_Nm, .. } = &self.parameters;
+        self.slack.follow(imperfections, &self.reached_Nm, max_torque_Nm);
     }
 
-    /// Torques that drive, and capacities that hold.
-    fn drive_and_hold(&self) -> (ActuatorVector, ActuatorVector) {
-        let mut drive_Nm = ActuatorVector::zeros();
-        let mut hold_Nm = self.parameters.residual_Nm;
+    /// Torques of the motors.
+    fn drive(&self) -> ActuatorVector {
+        ActuatorVector::from_fn(|i, _| match self.parameters.kinds[i] {
+            ActuatorKind::Brake => 0.0,
+            ActuatorKind::Motor => self.reached_Nm[i],
+        })
+    }
+
+    /// Torques, from least to most, that hold shafts which are about to turn by `turn_rad`.
+    fn hold(&self, turn_rad: &ActuatorVector) -> (ActuatorVector, ActuatorVector) {
+        let mut upper_Nm = self.parameters.residual_Nm;
+        let mut lower_Nm = -upper_Nm;
         for (i, kind) in self.parameters.kinds.iter().enumerate() {
-            match kind {
-                ActuatorKind::Brake => hold_Nm[i] += self.reached_Nm[i],
-                ActuatorKind::Motor => drive_Nm[i] = self.reached_Nm[i],
+            if *kind == ActuatorKind::Brake {
+                let [on, back] = self.slack.engages(&self.parameters.imperfections, i, turn_rad[i]);
+                let held_Nm = self.slack.held_Nm(i);
+                lower_Nm[i] -= if on { held_Nm } else { 0.0 };
+                upper_Nm[i] += if back { held_Nm } else { 0.0 };
             }
         }
-        (drive_Nm, hold_Nm)
+        (lower_Nm, upper_Nm)
     }
 
     /// Forces and torques change the velocity; books their work.
@@ -248,11 +273,13 @@ impl Plant {
         let M = invertible(&self.posture);
         let momentum = M * self.v_BH;
         let M = (M + dt_s * drag).cholesky()?;
-        let (drive_Nm, hold_Nm) = self.drive_and_hold();
+        let drive_Nm = self.drive();
         let v_free = M.solve(&(momentum + dt_s * (F_hand_BH_N + R * drive_Nm)));
+        let hold_Nm = self.hold(&(dt_s * R.tr_mul(&v_free)));
         let held_Nm = most_passive(&M.l(), R, &(v_free / dt_s), &hold_Nm)?;
         self.v_BH = v_free + dt_s * M.solve(&(R * held_Nm));
         let w = R.tr_mul(&self.v_BH);
+        self.slack.turn(&self.parameters.imperfections, &(dt_s * w));
         let dragged_Nm = -damping.component_mul(&w);
         self.torque_Nm = drive_Nm + held_Nm + dragged_Nm;
         self.energy.hand_J += dt_s * F_hand_BH_N.dot(&self.v_BH);
@@ -320,17 +347,17 @@ impl Plant {
     }
 }
 
-/// Torques within `hold_Nm` that leave the least kinetic energy. Per second of the step, so
+/// Torques between those of `hold_Nm` that leave the least kinetic energy. Per second of the step, so
 /// that the numbers are of the size of forces: the least `|L^T v_free / dt + L^-1 R tau|`.
 fn most_passive(
     L: &HandleInertia,
     R: &ReferenceMatrix,
     v_free_per_s: &PlaneVector,
-    hold_Nm: &ActuatorVector,
+    (lower_Nm, upper_Nm): &(ActuatorVector, ActuatorVector),
 ) -> Option<ActuatorVector> {
     let per_torque = L.solve_lower_triangular(R)?;
     let target = -L.tr_mul(v_free_per_s);
-    Some(nearest_in_box(&per_torque, &target, &-hold_Nm, hold_Nm, MAX_ACTUATORS))
+    Some(nearest_in_box(&per_torque, &target, lower_Nm, upper_Nm, MAX_ACTUATORS))
 }
 
 /// The freedoms that a device has; the others are zero.
@@ -349,17 +376,23 @@ fn invertible(posture: &Posture) -> HandleInertia {
     M
 }
 
-/// Shaft angles of the handle's position, on the turns that the `near` ones are on: one
-/// Newton step from the posture with those angles.
+/// Shaft angles of the handle's position, on the turns that the `near` ones are on: Newton
+/// steps from the posture with those angles, a second one where the first went far.
 fn on_shafts(
     mechanism: &dyn Mechanism,
     near_rad: ActuatorVector,
     p_BH: &PlaneVector,
 ) -> ActuatorVector {
-    match mechanism.posture_from_shafts(&near_rad) {
-        Ok(near) => near.shaft_rad + near.reference.tr_mul(&(p_BH - near.p_BH)),
-        Err(_) => near_rad,
+    let mut shaft_rad = near_rad;
+    for _ in 0..2 {
+        let Ok(near) = mechanism.posture_from_shafts(&shaft_rad) else { break };
+        let left = first(mechanism.freedoms(), &(p_BH - near.p_BH));
+        shaft_rad = near.shaft_rad + near.reference.tr_mul(&left);
+        if left.amax() < NEWTON_M {
+            break;
+        }
     }
+    shaft_rad
 }
 
 /// Gradient of `v^T M(p) v / 2` by central differences, N; zero where a posture is missing.

@@ -11,8 +11,8 @@
 use std::sync::Arc;
 
 use super::Device;
-use super::hand::{Hand, HandAction, HandProgram, Pointer};
-use super::plant::{Energy, Plant, PlantParameters};
+use super::hand::{Hand, HandAction, HandProgram, HandPull, Pointer};
+use super::plant::{Energy, Imperfections, Plant, PlantParameters};
 use super::sensors::{ForceSensor, Sensors};
 use crate::actuation::ActuatorKind;
 use crate::control::{ActuatorCommands, DeviceError, Sample};
@@ -46,6 +46,8 @@ pub struct SimulationParameters {
     pub lag_s: ActuatorVector,
     /// Drag that is there without any command.
     pub residual_Nm: ActuatorVector,
+    /// Hysteresis and backlash of the brakes.
+    pub imperfections: Imperfections,
     /// Viscous drag of the shafts, N m s/rad.
     pub damping_N_m_s_per_rad: ActuatorVector,
     /// Smallest step of torque that a motor can be commanded; 0: any.
@@ -72,6 +74,7 @@ impl SimulationParameters {
             counts_per_revolution: ActuatorVector::repeat(65_536.0),
             lag_s: ActuatorVector::repeat(2e-3),
             residual_Nm: ActuatorVector::zeros(),
+            imperfections: Imperfections::default(),
             damping_N_m_s_per_rad: ActuatorVector::zeros(),
             resolution_Nm: ActuatorVector::zeros(),
             force_sensor: Some(ForceSensor::default()),
@@ -124,6 +127,7 @@ impl SimulatedDevice {
             max_torque_Nm: parameters.max_torque_Nm,
             lag_s: parameters.lag_s,
             residual_Nm: parameters.residual_Nm,
+            imperfections: parameters.imperfections,
             damping_N_m_s_per_rad: parameters.damping_N_m_s_per_rad,
             resolution_Nm: parameters.resolution_Nm,
         };
@@ -147,6 +151,11 @@ impl SimulatedDevice {
     /// From now on somebody else pulls the handle.
     pub fn follow(&mut self, pointer: Pointer) {
         self.hand.follow(pointer);
+    }
+
+    /// From now on this hand has the handle.
+    pub fn hand_over(&mut self, hand: Box<dyn HandPull>) {
+        self.hand.hand_over(hand);
     }
 
     /// The state as it is.

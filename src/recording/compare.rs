@@ -270,8 +270,9 @@ fn plant_of(step: &Step) -> Result<Plant, KinematicsError> {
         max_torque_Nm: plan.actuators.max_torque_Nm,
         lag_s: plan.actuators.lag_s,
         residual_Nm: device.residual_Nm,
+        imperfections: device.imperfections,
         damping_N_m_s_per_rad: device.damping_N_m_s_per_rad,
-        resolution_Nm: device.resolution_Nm,
+        resolution_Nm: device.actuators.resolution_Nm,
     };
     Plant::new(parameters, &step.p_BH)
 }

@@ -114,16 +114,35 @@ pub(super) fn plan_of(entry: &RecordPlan) -> Result<(Plan, DeviceDefinition), St
 
 /// In the ranges of a device file, which has `count` of them; nothing beyond.
 fn check_actuators(actuators: &Actuators, count: usize) -> Result<(), FieldError> {
-    let Actuators { kinds: _, max_torque_Nm, counts_per_revolution, lag_s } = actuators;
+    let Actuators {
+        kinds: _,
+        max_torque_Nm,
+        counts_per_revolution,
+        lag_s,
+        resolution_Nm,
+        weight,
+        hysteresis_Nm,
+    } = actuators;
     for i in 0..count {
         let field = |name: &str| format!("actuators[{i}].{name}");
         units::TORQUE_LIMIT.check(&field("max_torque_Nm"), max_torque_Nm[i])?;
         units::COUNTS.check(&field("counts_per_revolution"), counts_per_revolution[i])?;
         units::LAG.check(&field("lag_s"), lag_s[i])?;
+        units::RESOLUTION.check(&field("resolution_Nm"), resolution_Nm[i])?;
+        units::WEIGHT.check(&field("weight"), weight[i])?;
+        let share = hysteresis_Nm[i] / max_torque_Nm[i];
+        units::HYSTERESIS.check(&field("hysteresis"), share)?;
     }
     for i in count..MAX_ACTUATORS {
-        let beyond = [max_torque_Nm[i], counts_per_revolution[i], lag_s[i]];
-        if beyond != [0.0, 1.0, 0.0] {
+        let beyond = [
+            max_torque_Nm[i],
+            counts_per_revolution[i],
+            lag_s[i],
+            resolution_Nm[i],
+            weight[i],
+            hysteresis_Nm[i],
+        ];
+        if beyond != [0.0, 1.0, 0.0, 0.0, 1.0, 0.0] {
             let field = format!("actuators[{i}]");
             let allowed = format!("the device has {count} actuators");
             return Err(FieldError::new(field, format!("{beyond:?}"), allowed));

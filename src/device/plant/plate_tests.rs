@@ -20,6 +20,7 @@ fn plate(edit: impl Fn(&mut PlantParameters)) -> Plant {
         max_torque_Nm: ActuatorVector::repeat(1.0),
         lag_s: ActuatorVector::zeros(),
         residual_Nm: ActuatorVector::zeros(),
+        imperfections: Imperfections::default(),
         damping_N_m_s_per_rad: ActuatorVector::zeros(),
         resolution_Nm: ActuatorVector::zeros(),
     };

@@ -19,6 +19,7 @@ fn plant_of(mechanism: Arc<dyn Mechanism>, kind: ActuatorKind, [x, y]: [f64; 2])
         max_torque_Nm: ActuatorVector::repeat(20.0),
         lag_s: ActuatorVector::zeros(),
         residual_Nm: ActuatorVector::zeros(),
+        imperfections: Imperfections::default(),
         damping_N_m_s_per_rad: ActuatorVector::zeros(),
         resolution_Nm: ActuatorVector::zeros(),
     };
@@ -197,6 +198,25 @@ fn motors_push_with_their_reference_forces() {
     assert!(plant.energy().motors_J > 0.0 && plant.energy().dissipated_J == 0.0);
 }
 
+/// A handle between locked brakes moves by their play, and no further.
+#[test]
+fn locked_brakes_with_backlash_leave_the_handle_their_play() {
+    let mut plant = cho([0.3, 0.2]);
+    let play_rad = 0.01;
+    plant.parameters.imperfections.backlash_rad = ActuatorVector::repeat(play_rad);
+    plant.command(&brakes([20.0; 4]));
+    let before = *plant.shaft_rad();
+    let mut most_rad = ActuatorVector::zeros();
+    for step in 0..4_000 {
+        let way = if step / 1_000 % 2 == 0 { 1.0 } else { -1.0 };
+        plant.step(&(way * PlaneVector::new(2.0, 1.0, 0.0)), DT_S);
+        most_rad = most_rad.sup(&(plant.shaft_rad() - before).abs());
+    }
+    let first = most_rad.rows(0, 4).max();
+    assert!((0.4 * play_rad..1.6 * play_rad).contains(&first), "{most_rad}");
+    assert!(plant.v_BH().norm() < 1e-3);
+}
+
 /// Kinetic energy and the angular momentum about the base, which no link can change where
 /// everything turns about it: two invariants for a motion of two freedoms.
 #[test]
@@ -223,7 +243,12 @@ fn heavy_links_coast_with_their_energy_and_angular_momentum() {
 #[test]
 fn the_books_never_owe_energy_over_random_forces_torques_and_places() {
     let mut rng = ChaCha8Rng::seed_from_u64(6);
-    for plant in [cho([0.3, 0.2]), heavy_cho([0.3, 0.2])] {
+    let mut slack = heavy_cho([0.3, 0.2]);
+    slack.parameters.imperfections = Imperfections {
+        hysteresis: ActuatorVector::repeat(0.1),
+        backlash_rad: ActuatorVector::repeat(0.01),
+    };
+    for plant in [cho([0.3, 0.2]), heavy_cho([0.3, 0.2]), slack] {
         let mut plant = plant;
         plant.parameters.kinds[1] = ActuatorKind::Motor;
         plant.parameters.lag_s = ActuatorVector::repeat(2e-3);
