@@ -96,6 +96,11 @@ pub struct Capability {
 }
 
 impl Capability {
+    /// True when something can only take energy out.
+    pub fn has_brakes(&self) -> bool {
+        self.kinds[..self.actuators].contains(&ActuatorKind::Brake)
+    }
+
     /// True when nothing can put energy in.
     pub fn is_passive(&self) -> bool {
         self.kinds[..self.actuators].iter().all(|kind| *kind == ActuatorKind::Brake)

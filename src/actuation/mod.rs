@@ -10,26 +10,36 @@
     deny(clippy::disallowed_types, clippy::disallowed_methods, clippy::disallowed_macros)
 )]
 
+mod allocate;
 mod bounds;
 mod box_least_squares;
+mod coercive;
+mod force_distribution;
 mod karnopp;
 mod nearest_reference;
 mod optimal;
+mod path_following;
 mod predicted_velocity;
 mod region;
 mod sliding;
+mod steps;
 mod strategy;
 mod stuck;
 
+pub use allocate::{Outcome, Wanted, allocate};
 pub use bounds::{ActuatorKind, Bounds, Capability, ShaftMotion};
 pub use box_least_squares::nearest_in_box;
+pub use coercive::{Pick, Rule, coercive, pick};
+pub use force_distribution::{Distributed, Distribution, least_norm, weighted};
 pub use karnopp::{limited_Nm, literal_Nm};
 pub use nearest_reference::{NearestReference, nearest_reference};
 pub use optimal::{optimal, optimal_weighted};
+pub use path_following::path_following;
 pub use predicted_velocity::{Handle, WallDemand, predicted_velocity};
 pub use region::{Bracket, Classification, Region, approximation_angle, classify};
 pub use sliding::{LawState, Shafts};
-pub use strategy::{Outcome, Strategy, StrategyError, Wanted, allocate};
+pub use steps::in_steps;
+pub use strategy::{Strategy, StrategyError};
 pub use stuck::StuckDetector;
 
 use crate::notation::{ActuatorVector, PlaneVector};

@@ -50,12 +50,12 @@ pub struct WallDemand {
 }
 
 /// The inverse of the inertia, freedom by freedom.
-struct Mobility {
+pub(super) struct Mobility {
     inverse: HandleInertia,
 }
 
 impl Mobility {
-    fn of(inertia: &HandleInertia, freedoms: usize) -> Option<Self> {
+    pub(super) fn of(inertia: &HandleInertia, freedoms: usize) -> Option<Self> {
         let mut inverse = HandleInertia::zeros();
         if freedoms > 2 {
             inverse = inertia.try_inverse()?;
@@ -64,6 +64,11 @@ impl Mobility {
             inverse.fixed_view_mut::<2, 2>(0, 0).copy_from(&block);
         }
         Some(Self { inverse })
+    }
+
+    /// Acceleration under a force.
+    pub(super) fn give(&self, force: &PlaneVector) -> PlaneVector {
+        self.inverse * force
     }
 
     /// What is left of `motion` when nothing can move along `ray`.
@@ -85,7 +90,7 @@ pub fn predicted_velocity(
         return released;
     };
     let hand = handle.hand_force.unwrap_or_else(PlaneVector::zeros);
-    let ahead = handle.velocity + mobility.inverse * hand * handle.tick_s;
+    let ahead = handle.velocity + mobility.give(&hand) * handle.tick_s;
     let into = |wall: &&WallDemand| wall.force_N > 0.0 && ahead.dot(&wall.normal) < 0.0;
     let pressed = walls.iter().filter(into).min_by(|a, b| {
         let depth = |wall: &WallDemand| ahead.dot(&wall.normal);
@@ -135,7 +140,7 @@ fn best_brake(
 }
 
 /// The nearest force that the brakes give together.
-fn hold(capability: &Capability, walls: &[WallDemand]) -> Allocation {
+pub(super) fn hold(capability: &Capability, walls: &[WallDemand]) -> Allocation {
     let wanted =
         walls.iter().fold(PlaneVector::zeros(), |sum, wall| sum + wall.normal * wall.force_N);
     let mut brakes_only = *capability;
@@ -148,7 +153,7 @@ fn hold(capability: &Capability, walls: &[WallDemand]) -> Allocation {
     optimal(&brakes_only, &wanted)
 }
 
-fn brakes(capability: &Capability) -> impl Iterator<Item = usize> + '_ {
+pub(super) fn brakes(capability: &Capability) -> impl Iterator<Item = usize> + '_ {
     (0..capability.actuators).filter(|&i| capability.kinds[i] == ActuatorKind::Brake)
 }
 

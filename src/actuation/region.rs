@@ -110,30 +110,20 @@ impl Bracket {
     /// The neighbours of `desired`; `None` when nothing is available.
     pub fn around(capability: &Capability, desired: &PlaneVector) -> Option<Self> {
         let mut bracket: Option<Self> = None;
-        for actuator in 0..capability.actuators.min(MAX_ACTUATORS) {
-            let ray = capability.reference.column(actuator);
-            for (sign, possible) in [
-                (1.0, capability.bounds.upper_Nm[actuator] > 0.0),
-                (-1.0, capability.bounds.lower_Nm[actuator] < 0.0),
-            ] {
-                if !possible || ray.x.hypot(ray.y) == 0.0 {
-                    continue;
-                }
-                let (x, y) = (sign * ray.x, sign * ray.y);
-                let cross = desired.x * y - desired.y * x;
-                let left_rad = turn(cross.atan2(desired.x * x + desired.y * y));
-                let right_rad = turn(-left_rad);
-                let near = |angle_rad| Neighbour { actuator, sign, angle_rad };
-                let known =
-                    bracket.get_or_insert(Self { left: near(left_rad), right: near(right_rad) });
-                if left_rad < known.left.angle_rad {
-                    known.left = near(left_rad);
-                }
-                if right_rad < known.right.angle_rad {
-                    known.right = near(right_rad);
-                }
+        available(capability, |actuator, sign, [x, y]| {
+            let cross = desired.x * y - desired.y * x;
+            let left_rad = turn(cross.atan2(desired.x * x + desired.y * y));
+            let right_rad = turn(-left_rad);
+            let near = |angle_rad| Neighbour { actuator, sign, angle_rad };
+            let known =
+                bracket.get_or_insert(Self { left: near(left_rad), right: near(right_rad) });
+            if left_rad < known.left.angle_rad {
+                known.left = near(left_rad);
             }
-        }
+            if right_rad < known.right.angle_rad {
+                known.right = near(right_rad);
+            }
+        });
         bracket
     }
 
@@ -154,8 +144,23 @@ impl Bracket {
     }
 }
 
+/// Tells the reference forces that the bounds allow now: whose, which sign, x and y.
+pub(super) fn available(capability: &Capability, mut tell: impl FnMut(usize, f64, [f64; 2])) {
+    for actuator in 0..capability.actuators.min(MAX_ACTUATORS) {
+        let ray = capability.reference.column(actuator);
+        for (sign, possible) in [
+            (1.0, capability.bounds.upper_Nm[actuator] > 0.0),
+            (-1.0, capability.bounds.lower_Nm[actuator] < 0.0),
+        ] {
+            if possible && ray.x.hypot(ray.y) > 0.0 {
+                tell(actuator, sign, [sign * ray.x, sign * ray.y]);
+            }
+        }
+    }
+}
+
 /// An angle in [0, 2 pi).
-fn turn(angle_rad: f64) -> f64 {
+pub(super) fn turn(angle_rad: f64) -> f64 {
     let turned = angle_rad.rem_euclid(std::f64::consts::TAU);
     if turned >= std::f64::consts::TAU - SAME_RAD { 0.0 } else { turned }
 }

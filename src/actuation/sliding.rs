@@ -5,8 +5,8 @@
 //!
 //! 1. an [`Observer`] tells pose, velocity and what pushes the handle beyond the force sensor;
 //! 2. the wall wants `f = F_press + m (w^2 (depth - layer) + 2 zeta w approach)` along its
-//!    normal, never more than was asked of it; nothing, and everything is released, where the
-//!    hand pulls away;
+//!    normal, or what stops an impact in time, never more than was asked of it; nothing, and
+//!    everything is released, where the hand pulls away;
 //! 3. *sliding*: the brake with the least drag ([`sides`]) gets the capacity at which it slips
 //!    under f, and hands over to another one gradually ([`shares`]);
 //! 4. *resting*: two brakes hold, balanced so that the one in the way is at zero just where
@@ -14,15 +14,18 @@
 //!    handle that rests: the belief creeps towards sliding, which lessens one capacity after the
 //!    other, and is put right by the first microns of slip. The brakes never let go for that;
 //! 5. where no brake holds on one side sticking cannot be avoided, and all are locked;
-//! 6. commands run ahead of the brakes' lag, within what the brakes can do.
+//! 6. commands run ahead of the brakes' lag and through their hysteresis, within what the
+//!    brakes can do.
 //!
 //! The handle comes to rest about [`LAYER_M`] inside the wall, so that whoever streams the
-//! wall sees a contact. A handle that leaves it by less than [`LINGER_M`] is still held, until
-//! it is found where the wall should be felt and is not. Every command is a capacity: a wrong
-//! belief is a wrong force and never adds energy. The law does not know walls that meet, three
-//! freedoms or motors. After Cho 2005, section 7, whose abrupt change of force where the
-//! reference changes this avoids; derived here.
+//! wall sees a contact. A handle that leaves it by a little is still held, until it is found
+//! where the wall should be felt and is not. Every command is a capacity: a wrong belief is a
+//! wrong force and never adds energy. Two walls at once are one whose normal is the direction of
+//! what they give together ([`contacts`]). The law does not know three freedoms or motors. After
+//! Cho 2005, section 7, whose abrupt change of force where the reference changes this avoids;
+//! derived here.
 
+mod contacts;
 mod observer;
 mod shares;
 mod sides;
@@ -30,6 +33,7 @@ mod sides;
 #[cfg(test)]
 mod tests;
 
+use contacts::{Contact, Contacts};
 use observer::{Body, Observer, sensed};
 use serde::{Deserialize, Serialize};
 use shares::Shares;
@@ -41,11 +45,18 @@ use crate::notation::{ActuatorVector, PlaneVector};
 /// Depth at which the wall carries the press alone.
 const LAYER_M: f64 = 1e-4;
 
-/// A handle this far outside is still at the wall.
-const LINGER_M: f64 = 3e-4;
+/// An impact is stopped within this depth, as far as the brakes can: the deceleration is
+/// constant then, where the layer alone would let a fast handle through to its own depth.
+const STOP_M: f64 = 3e-4;
 
-/// Normals further apart than this (cosine) are different walls.
-const SAME_WALL: f64 = 0.9;
+/// At rest two brakes hold more than the hand needs by this part of the smaller one's share:
+/// less, and a hand that begins to pull makes the handle slip before the law knows.
+const TENSION: f64 = 0.5;
+
+/// Time in which one brake takes over from another, and the least in lags of the brakes: what
+/// lets go must not leave before the other has come. Longer costs the hand, shorter is felt.
+const BLEND_S: f64 = 0.08;
+const BLEND_LAGS: f64 = 4.0;
 
 /// Slower than the first is rest along the wall, faster than the second is sliding.
 const REST_M_PER_S: f64 = 1e-3;
@@ -78,13 +89,35 @@ const STRONGEST_N: f64 = 60.0;
 /// bandwidth squared that turns slip into push. Beyond 1 it rings.
 const SLIP_GAIN: f64 = 0.5;
 
-/// What the law has to know of the shafts besides what they can do now.
+/// What a law has to know of the shafts besides what they can do now.
 #[derive(Clone, Copy, Debug)]
 pub struct Shafts<'a> {
     /// Time constant from commanded to actual torque, seconds; 0 is at once.
     pub lag_s: &'a ActuatorVector,
     /// Encoder counts of one turn.
     pub counts_per_revolution: &'a ActuatorVector,
+    /// Width by which a brake's torque stays behind its command.
+    pub hysteresis_Nm: &'a ActuatorVector,
+    /// Smallest step of a motor's torque; 0: none.
+    pub resolution_Nm: &'a ActuatorVector,
+    /// What a torque counts among torques that give the same wrench.
+    pub weight: &'a ActuatorVector,
+}
+
+impl Shafts<'static> {
+    /// Shafts without lag, hysteresis and steps, alike, sensed finely.
+    pub const IDEAL: Self = {
+        const NONE: &ActuatorVector = &ActuatorVector::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+        const ONE: &ActuatorVector = &ActuatorVector::new(1.0, 1.0, 1.0, 1.0, 1.0, 1.0);
+        const FINE: &ActuatorVector = &ActuatorVector::new(1e6, 1e6, 1e6, 1e6, 1e6, 1e6);
+        Self {
+            lag_s: NONE,
+            counts_per_revolution: FINE,
+            hysteresis_Nm: NONE,
+            resolution_Nm: NONE,
+            weight: ONE,
+        }
+    };
 }
 
 /// Numbers that depend on what is sensed; found by simulation of the wall-following experiment.
@@ -139,15 +172,16 @@ impl Gains {
 pub struct LawState {
     observer: Observer,
     bandwidth_per_s: f64,
+    blend_s: f64,
     touching: Option<Touching>,
 }
 
-/// The wall that is touched.
+/// The wall, or the corner, that is touched.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 struct Touching {
-    normal: PlaneVector,
-    /// Where its surface is along the normal.
-    surface_m: f64,
+    contacts: Contacts,
+    /// Way along the wall so far.
+    travelled_m: f64,
     /// 1 at rest along the wall, 0 sliding.
     rest: f64,
     /// Which way it slides, or is about to: the sign along the tangent.
@@ -155,10 +189,22 @@ struct Touching {
     shares: Shares,
 }
 
+/// How time passes for the law.
+#[derive(Clone, Copy, Debug)]
+struct Times {
+    tick_s: f64,
+    /// In which one brake takes over from another.
+    blend_s: f64,
+}
+
 /// What the hand does to the wall.
 #[derive(Clone, Copy, Debug)]
 struct Press {
+    /// Of the wall; of two, the direction of what they give together.
+    normal: PlaneVector,
     tangent: PlaneVector,
+    /// Two walls share it.
+    corner: bool,
     /// What the wall is to give along its normal.
     force_N: f64,
     /// What the hand pulls along the tangent.
@@ -186,30 +232,39 @@ impl LawState {
     pub fn observe(&mut self, capability: &Capability, handle: &Handle, shafts: &Shafts) {
         let Some(body) = Body::of(capability, &handle.inertia) else { return self.reset() };
         self.bandwidth_per_s = Gains::of(handle).bandwidth_per_s(&body, shafts, handle.tick_s);
-        self.observer.follow(&body, handle, shafts.lag_s, self.bandwidth_per_s);
+        self.blend_s = BLEND_S.max(BLEND_LAGS * shafts.lag_s.max());
+        self.observer.follow(&body, handle, shafts, self.bandwidth_per_s);
         if !self.observer.is_usable() {
             self.reset();
         }
     }
 
-    /// Torques that hold the wall, as they ought to be reached; `None`: there is none.
+    /// Torques that hold the walls, as they ought to be reached; `None`: there is none.
     pub fn hold(
         &mut self,
         capability: &Capability,
         handle: &Handle,
-        wall: Option<&WallDemand>,
+        walls: &[WallDemand],
     ) -> Option<Allocation> {
         let body = Body::of(capability, &handle.inertia).filter(|_| self.observer.is_usable())?;
-        self.touching = self.touched(handle, wall);
-        let touching = self.touching.as_mut()?;
-        let press = Press::of(touching, &self.observer, &body, handle, wall);
-        let sides = Sides::of(capability, &body, &touching.normal, press.force_N);
-        touching.shares.learn(&sides, self.observer.position.dot(&press.tangent));
+        let mut touching = self.touched(handle, walls);
+        self.touching = None;
+        let press = Press::of(&touching.contacts, &self.observer, &body, handle)?;
+        let sides = Sides::of(capability, &body, &press.normal, press.force_N);
+        touching.travelled_m += press.speed_m_per_s * handle.tick_s;
+        if press.corner {
+            touching.shares.forget();
+        } else {
+            touching.shares.learn(&sides, touching.travelled_m);
+        }
+        let touching = self.touching.insert(touching);
         if press.force_N <= 0.0 {
             touching.rest = 1.0;
             return Some(capability.allocation(ActuatorVector::zeros()));
         }
-        let capacity_per_N = touching.capacity_per_N(&sides, &press, handle.tick_s);
+        let tension = if handle.hand_force.is_some() { TENSION } else { 0.0 };
+        let times = Times { tick_s: handle.tick_s, blend_s: self.blend_s };
+        let capacity_per_N = touching.capacity_per_N(&sides, &press, tension, &times);
         self.doubt(&body, handle, &sides, &press);
         let torque_Nm = ActuatorVector::from_fn(|i, _| {
             let capacity_Nm = (capacity_per_N[i] * press.force_N).min(most_Nm(capability, i));
@@ -231,33 +286,33 @@ impl LawState {
         let reach_s = Gains::of(handle).reach_s;
         let told_Nm = ActuatorVector::from_fn(|i, _| {
             let (wanted_Nm, most_Nm) = (torque_Nm[i].abs(), most_Nm(capability, i));
-            if !ahead || shafts.lag_s[i] <= 0.0 {
+            if !ahead {
                 return wanted_Nm.min(most_Nm);
+            }
+            let goal_Nm = self.observer.through_play_Nm(i, wanted_Nm, shafts.hysteresis_Nm[i]);
+            if shafts.lag_s[i] <= 0.0 {
+                return goal_Nm.clamp(0.0, most_Nm);
             }
             let reached_Nm = self.observer.reached_Nm[i];
             let gain = 1.0 / (1.0 - (-reach_s / shafts.lag_s[i]).exp());
-            (reached_Nm + (wanted_Nm - reached_Nm) * gain).clamp(0.0, most_Nm)
+            (reached_Nm + (goal_Nm - reached_Nm) * gain).clamp(0.0, most_Nm)
         });
         self.observer.command(&told_Nm);
         ActuatorVector::from_fn(|i, _| told_Nm[i].copysign(torque_Nm[i]))
     }
 
-    /// The wall that is touched now.
-    fn touched(&self, handle: &Handle, wall: Option<&WallDemand>) -> Option<Touching> {
-        let known = self.touching;
-        if let Some(wall) = wall {
-            let normal = wall.normal;
-            let surface_m = wall.depth_m + normal.dot(&handle.position);
-            let same = known.filter(|touching| touching.normal.dot(&normal) > SAME_WALL);
-            let (rest, way, shares) = (1.0, 1.0, Shares::default());
-            let new = Touching { normal, surface_m, rest, way, shares };
-            return Some(same.map_or(new, |same| Touching { normal, surface_m, ..same }));
+    /// What is touched now, and what is remembered of it.
+    fn touched(&self, handle: &Handle, walls: &[WallDemand]) -> Touching {
+        let known = self.touching.as_ref();
+        let before = known.map(|touching| touching.contacts).unwrap_or_default();
+        let contacts = before.follow(handle, &self.observer, walls);
+        match known.filter(|_| contacts.continues(&before)) {
+            Some(known) => Touching { contacts, ..*known },
+            None => {
+                let (rest, way, travelled_m, shares) = (1.0, 1.0, 0.0, Shares::default());
+                Touching { contacts, travelled_m, rest, way, shares }
+            }
         }
-        known.filter(|touching| {
-            let outside_m = |p: &PlaneVector| p.dot(&touching.normal) - touching.surface_m;
-            let felt = outside_m(&handle.position) < -1e-6;
-            !felt && outside_m(&self.observer.position) < LINGER_M
-        })
     }
 
     /// Corrects the belief about a push that cannot be observed, because the handle rests.
@@ -279,10 +334,10 @@ impl LawState {
                 // What slips while one brake sticks moves across that brake's ray, and is put
                 // right along it: creeping the same ways leaves nothing to drift.
                 let (along, back) = (press.tangent * way, CREEP_BACK * creep_N);
-                (along + touching.normal * ahead) * creep_N.min(left_N)
-                    + (touching.normal * behind - along) * back
+                (along + press.normal * ahead) * creep_N.min(left_N)
+                    + (press.normal * behind - along) * back
             }
-            _ => touching.normal * (press.force_N * elapsed_s / CREEP_S),
+            _ => press.normal * (press.force_N * elapsed_s / CREEP_S),
         };
         self.observer.push += body.acceleration(&creep_N);
         let believed_N = body.force(&self.observer.push).norm();
@@ -291,36 +346,41 @@ impl LawState {
 }
 
 impl Press {
-    fn of(
-        touching: &Touching,
-        seen: &Observer,
-        body: &Body,
-        handle: &Handle,
-        wall: Option<&WallDemand>,
-    ) -> Self {
+    /// `None` without a wall.
+    fn of(contacts: &Contacts, seen: &Observer, body: &Body, handle: &Handle) -> Option<Self> {
         let gains = Gains::of(handle);
-        let (normal, tangent) = (touching.normal, tangent_of(&touching.normal));
         let hand = sensed(handle) + body.force(&seen.push);
-        let depth_m = touching.surface_m - seen.position.dot(&normal);
-        let approach_m_per_s = -seen.velocity.dot(&normal);
         let w = gains.layer_per_s;
-        let layer = w * w * (depth_m - LAYER_M) + 2.0 * gains.damping_ratio * w * approach_m_per_s;
-        let held_N = body.mass_along(&normal) * layer - hand.dot(&normal);
-        Self {
-            tangent,
-            force_N: wall.map_or(held_N, |wall| held_N.min(wall.force_N)),
-            along_N: hand.dot(&tangent),
-            speed_m_per_s: seen.velocity.dot(&tangent),
-        }
+        let wants = |contact: &Contact| {
+            let Contact { normal, most_N, .. } = contact;
+            let into_m = contact.depth_m(&seen.position) - LAYER_M;
+            let approach_m_per_s = -seen.velocity.dot(normal);
+            let mut layer = w * w * into_m + 2.0 * gains.damping_ratio * w * approach_m_per_s;
+            if approach_m_per_s > 0.0 {
+                let left_m = (STOP_M - into_m).max(0.3 * STOP_M);
+                layer = layer.max(approach_m_per_s.powi(2) / (2.0 * left_m));
+            }
+            (body.mass_along(normal) * layer - hand.dot(normal)).min(*most_N)
+        };
+        let (normal, force_N, corner) = contacts.reaction(wants)?;
+        let tangent = tangent_of(&normal);
+        let (along_N, speed_m_per_s) = (hand.dot(&tangent), seen.velocity.dot(&tangent));
+        Some(Self { normal, tangent, corner, force_N, along_N, speed_m_per_s })
     }
 }
 
 impl Touching {
     /// Capacities per newton of press: resting, sliding, or on the way from one to the other.
-    fn capacity_per_N(&mut self, sides: &Sides, press: &Press, tick_s: f64) -> ActuatorVector {
+    fn capacity_per_N(
+        &mut self,
+        sides: &Sides,
+        press: &Press,
+        tension: f64,
+        times: &Times,
+    ) -> ActuatorVector {
         let speed_m_per_s = press.speed_m_per_s.abs();
         let slow = (SLIDE_M_PER_S - speed_m_per_s) / (SLIDE_M_PER_S - REST_M_PER_S);
-        let step = tick_s / REST_S;
+        let step = times.tick_s / REST_S;
         self.rest += (slow.clamp(0.0, 1.0) - self.rest).clamp(-step, step);
         let towards = if self.rest >= 1.0 { press.along_N } else { press.speed_m_per_s };
         if towards * self.way < 0.0 {
@@ -331,11 +391,12 @@ impl Touching {
         if self.rest >= 1.0 {
             self.shares.begin(sides, self.way);
         }
-        let holding = sides.holding(press.along_N / press.force_N);
+        let along = press.along_N / press.force_N;
+        let holding = sides.holding(along, tension);
         let sliding = self
             .shares
-            .advance(sides, self.way, speed_m_per_s, tick_s)
-            .map_or_else(|| sides.locked(), |shares| sides.shared(&shares));
+            .advance(sides, self.way, speed_m_per_s, times)
+            .map_or_else(|| sides.locked(along), |shares| sides.shared(&shares));
         holding * self.rest + sliding * (1.0 - self.rest)
     }
 }

@@ -49,6 +49,13 @@ impl From<Strategy> for proto::Strategy {
             Strategy::NearestReference => Self::NearestReference,
             Strategy::PredictedVelocity => Self::PredictedVelocity,
             Strategy::Sliding => Self::Sliding,
+            Strategy::PathFollowing => Self::PathFollowing,
+            Strategy::Coercive => Self::Coercive,
+            Strategy::CoerciveLiteral => Self::CoerciveLiteral,
+            Strategy::LeastNorm => Self::LeastNorm,
+            Strategy::Weighted => Self::Weighted,
+            Strategy::NullSpace => Self::NullSpace,
+            Strategy::NullSpaceIterated => Self::NullSpaceIterated,
         }
     }
 }

@@ -13,6 +13,7 @@
 use nalgebra::{Cholesky, Const, Matrix2};
 use serde::{Deserialize, Serialize};
 
+use super::Shafts;
 use crate::actuation::{Capability, Handle, nearest_in_box};
 use crate::notation::{ActuatorVector, HandleInertia, PlaneVector, ReferenceMatrix};
 
@@ -106,22 +107,18 @@ pub struct Observer {
     pub push: PlaneVector,
     /// What each brake has reached of its command.
     pub reached_Nm: ActuatorVector,
+    /// What it holds of that, behind its hysteresis.
+    held_Nm: ActuatorVector,
     commanded_Nm: ActuatorVector,
     begun: bool,
 }
 
 impl Observer {
     /// One tick on, with the poles at `bandwidth_per_s`.
-    pub fn follow(
-        &mut self,
-        body: &Body,
-        handle: &Handle,
-        lag_s: &ActuatorVector,
-        bandwidth_per_s: f64,
-    ) {
+    pub fn follow(&mut self, body: &Body, handle: &Handle, shafts: &Shafts, bandwidth_per_s: f64) {
         let tick_s = handle.tick_s;
         let known = body.acceleration(&sensed(handle));
-        let capacity_Nm = self.follow_commands(lag_s, tick_s);
+        let capacity_Nm = self.follow_commands(shafts, tick_s);
         let acceleration = self.push + known;
         let ahead = body.next_velocity(&self.velocity, &acceleration, &capacity_Nm, tick_s);
         let measured = planar(&handle.position);
@@ -152,8 +149,21 @@ impl Observer {
         self.commanded_Nm = *capacity_Nm;
     }
 
+    /// What brake i has to reach so that it holds `wanted_Nm` on its other side of the play.
+    pub fn through_play_Nm(&self, i: usize, wanted_Nm: f64, width_Nm: f64) -> f64 {
+        let (half_Nm, more_Nm) = (0.5 * width_Nm, wanted_Nm - self.held_Nm[i]);
+        if half_Nm <= 0.0 {
+            wanted_Nm
+        } else if more_Nm == 0.0 {
+            self.reached_Nm[i]
+        } else {
+            wanted_Nm + half_Nm.copysign(more_Nm)
+        }
+    }
+
     /// Advances the capacities; returns their mean over the tick.
-    fn follow_commands(&mut self, lag_s: &ActuatorVector, tick_s: f64) -> ActuatorVector {
+    fn follow_commands(&mut self, shafts: &Shafts, tick_s: f64) -> ActuatorVector {
+        let lag_s = shafts.lag_s;
         let mut mean_Nm = self.commanded_Nm;
         for i in 0..mean_Nm.len() {
             let behind_Nm = self.reached_Nm[i] - self.commanded_Nm[i];
@@ -163,6 +173,11 @@ impl Observer {
                 self.reached_Nm[i] += kept * behind_Nm;
                 mean_Nm[i] += behind_Nm * (1.0 - kept) * lag_s[i] / tick_s;
             }
+            let half_Nm = 0.5 * shafts.hysteresis_Nm[i];
+            let held_Nm = self.held_Nm[i];
+            let behind = |Nm: f64| held_Nm.max(Nm - half_Nm).min(Nm + half_Nm).max(0.0);
+            mean_Nm[i] = behind(mean_Nm[i]);
+            self.held_Nm[i] = behind(self.reached_Nm[i]);
         }
         mean_Nm
     }
@@ -211,7 +226,7 @@ mod tests {
         for tick in 0..100 {
             let t_s = f64::from(tick) * TICK_S;
             let handle = seen(acceleration * (0.5 * t_s * t_s), inertia);
-            observer.follow(&body, &handle, &ActuatorVector::zeros(), 300.0);
+            observer.follow(&body, &handle, &Shafts::IDEAL, 300.0);
         }
         assert!((body.force(&observer.push) - hand).norm() < 0.01 * hand.norm());
     }
@@ -222,15 +237,29 @@ mod tests {
         let body = Body::of(&device, &inertia).unwrap();
         let mut observer = Observer::default();
         let handle = seen(PlaneVector::new(0.3, 0.1, 0.0), inertia);
-        observer.follow(&body, &handle, &ActuatorVector::zeros(), 300.0);
+        observer.follow(&body, &handle, &Shafts::IDEAL, 300.0);
         observer.push = PlaneVector::new(5.0, -2.0, 0.0);
         observer.command(&ActuatorVector::repeat(20.0));
         let before = observer.push;
         for _ in 0..100 {
-            observer.follow(&body, &handle, &ActuatorVector::zeros(), 300.0);
+            observer.follow(&body, &handle, &Shafts::IDEAL, 300.0);
         }
         assert!((observer.push - before).norm() < 1e-9);
         assert!(observer.velocity.norm() < 1e-9);
+    }
+
+    /// Any wish is held in the next tick, whatever was held before, by a brake without lag whose
+    /// hysteresis is known.
+    #[test]
+    fn a_command_through_the_play_gives_what_is_wanted() {
+        let (mut observer, width_Nm) = (Observer::default(), ActuatorVector::repeat(0.6));
+        let shafts = Shafts { hysteresis_Nm: &width_Nm, ..Shafts::IDEAL };
+        for wanted_Nm in [2.0, 2.1, 2.05, 2.05, 0.4, 5.0, 4.9] {
+            let goal_Nm = observer.through_play_Nm(0, wanted_Nm, 0.6);
+            observer.command(&ActuatorVector::repeat(goal_Nm));
+            observer.follow_commands(&shafts, TICK_S);
+            assert!((observer.held_Nm[0] - wanted_Nm).abs() < 1e-12, "{wanted_Nm}");
+        }
     }
 
     #[test]
@@ -240,7 +269,8 @@ mod tests {
         let lag_s = ActuatorVector::repeat(0.01);
         let (mut mean_Nm, mut sum_Nm) = (0.0, 0.0);
         for tick in 0..10 {
-            mean_Nm += 0.1 * observer.follow_commands(&lag_s, TICK_S)[0];
+            let shafts = Shafts { lag_s: &lag_s, ..Shafts::IDEAL };
+            mean_Nm += 0.1 * observer.follow_commands(&shafts, TICK_S)[0];
             for part in 0..100 {
                 let t_s = TICK_S * (f64::from(tick) + (f64::from(part) + 0.5) / 100.0);
                 sum_Nm += 1e-3 * 10.0 * (1.0 - (-t_s / 0.01).exp());

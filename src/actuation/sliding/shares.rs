@@ -2,18 +2,16 @@
 //!
 //! The brake with the least drag carries it alone. As the handle moves along the wall the
 //! drags change. When another brake begins to hold with less, or the one that carries is about
-//! to stop holding, shares move over within [`BLEND_S`]: the least drag jumps there, the
+//! to stop holding, shares move over within a given time: the least drag jumps there, the
 //! shares do not. How fast a drag changes is learnt from the motion itself.
 
 use serde::{Deserialize, Serialize};
 
+use super::Times;
 use super::sides::Sides;
 use crate::notation::ActuatorVector;
 
-/// Time in which one brake takes over from another.
-const BLEND_S: f64 = 0.1;
-
-/// And the least way along the wall that it is given, for slow motion.
+/// The least way along the wall that it is given, for slow motion.
 const BLEND_M: f64 = 5e-4;
 
 /// Drags are compared over at least this much of the way, and at most [`LONGEST_M`].
@@ -30,7 +28,7 @@ pub struct Shares {
 }
 
 impl Shares {
-    /// Learns from the drags at `place_m` along the tangent.
+    /// Learns from the drags at `place_m` along the wall, round its bends.
     pub fn learn(&mut self, sides: &Sides, place_m: f64) {
         if let Some((from_m, drag)) = self.anchor {
             let moved_m = place_m - from_m;
@@ -44,6 +42,11 @@ impl Shares {
             };
         }
         self.anchor = Some((place_m, sides.drag));
+    }
+
+    /// Forgets how the drags change: the normal does not follow from the place alone.
+    pub fn forget(&mut self) {
+        (self.drag_per_m, self.anchor) = (ActuatorVector::zeros(), None);
     }
 
     /// Everything to the brake that is best against sliding in `way`, at once: at rest.
@@ -61,11 +64,11 @@ impl Shares {
         sides: &Sides,
         way: f64,
         speed_m_per_s: f64,
-        tick_s: f64,
+        times: &Times,
     ) -> Option<ActuatorVector> {
-        let blend_m = (BLEND_S * speed_m_per_s).max(BLEND_M);
+        let blend_m = (times.blend_s * speed_m_per_s).max(BLEND_M);
         let best = self.best(sides, way, blend_m)?;
-        let step = tick_s / BLEND_S;
+        let step = times.tick_s / times.blend_s;
         for i in 0..sides.count {
             let goal = f64::from(u8::from(i == best));
             let share = self.shares[i] + (goal - self.shares[i]).clamp(-step, step);

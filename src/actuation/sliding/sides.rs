@@ -17,6 +17,10 @@ use crate::notation::{ActuatorVector, PlaneVector};
 /// A brake that pulls less than this along the normal (cosine) is of no use at the wall.
 const LEAST_COSINE: f64 = 0.03;
 
+/// A brake that gives this share of what the strongest gives is never too weak: an impact may
+/// ask for more than any of them has.
+const STRONG: f64 = 0.5;
+
 /// How many times the press each brake could carry alone where all are locked.
 const LOCKED: f64 = 2.0;
 
@@ -54,12 +58,15 @@ impl Sides {
             grip: ActuatorVector::zeros(),
             length: ActuatorVector::zeros(),
         };
+        let grip_N = |i: usize| body.reference.column(i).dot(normal).abs() * most_Nm(capability, i);
+        let strongest_N = (0..sides.count).map(grip_N).fold(0.0, f64::max);
+        let enough_N = force_N.min(STRONG * strongest_N);
         for i in 0..sides.count {
             let ray = body.reference.column(i);
             sides.grip[i] = ray.dot(normal);
             sides.length[i] = ray.norm();
             let pulls = sides.grip[i].abs() > LEAST_COSINE * sides.length[i];
-            let strong = sides.grip[i].abs() * most_Nm(capability, i) >= force_N;
+            let strong = sides.grip[i].abs() * most_Nm(capability, i) >= enough_N;
             let brake = capability.kinds[i] == ActuatorKind::Brake;
             if pulls {
                 sides.drag[i] = ray.dot(&tangent) / sides.grip[i];
@@ -95,11 +102,12 @@ impl Sides {
         )
     }
 
-    /// All together, as firmly as the press needs with a margin: nothing moves.
-    pub fn locked(&self) -> ActuatorVector {
+    /// All together, as firmly as press and pull need with a margin: nothing moves.
+    pub fn locked(&self, along: f64) -> ActuatorVector {
+        let firmly = LOCKED * (1.0 + along.abs());
         ActuatorVector::from_fn(
             |i, _| {
-                if self.length[i] > 0.0 { LOCKED / self.length[i] } else { 0.0 }
+                if self.length[i] > 0.0 { firmly / self.length[i] } else { 0.0 }
             },
         )
     }
@@ -107,17 +115,19 @@ impl Sides {
     /// Capacities that hold a handle at rest which the hand pulls with `along` newtons along
     /// the tangent for each newton of press: the two brakes on either side of that, split so
     /// that their reaction balances the hand. The other one is at zero exactly where the
-    /// handle begins to slide on one alone.
-    pub fn holding(&self, along: f64) -> ActuatorVector {
+    /// handle begins to slide on one alone. Both hold more than they need by `tension` of the
+    /// smaller share: a hand that changes its mind within that is not noticed.
+    pub fn holding(&self, along: f64, tension: f64) -> ActuatorVector {
         // Against sliding forwards the drag is backwards, and the reverse.
         match (self.least(1.0), self.least(-1.0)) {
             (Some((i, q)), _) if along >= q => self.alone(i),
             (_, Some((j, q))) if -along >= q => self.alone(j),
             (Some((i, ahead)), Some((j, behind))) => {
                 let share = (along + behind) / (ahead + behind);
-                self.alone(i) * share + self.alone(j) * (1.0 - share)
+                let more = tension * share.min(1.0 - share);
+                self.alone(i) * (share + more) + self.alone(j) * (1.0 - share + more)
             }
-            _ => self.locked(),
+            _ => self.locked(along),
         }
     }
 }
@@ -186,12 +196,12 @@ mod tests {
             };
             both += 1;
             let along = rng.random_range(-behind..ahead);
-            let capacity = sides.holding(along);
+            let capacity = sides.holding(along, 0.0);
             let torque = capacity.zip_map(&sides.grip, |c, grip| c.copysign(grip));
             let reaction = capability.reference * torque;
             assert!((reaction.dot(&normal) - 1.0).abs() < 1e-9);
             assert!((reaction.dot(&tangent_of(&normal)) + along).abs() < 1e-9);
-            let (begins, beyond) = (sides.holding(ahead), sides.holding(2.0 * ahead));
+            let (begins, beyond) = (sides.holding(ahead, 0.3), sides.holding(2.0 * ahead, 0.3));
             assert!((begins - beyond).norm() < 1e-9, "one brake alone slips");
         }
         assert!(both > 300, "{both}");
