@@ -4,6 +4,9 @@
 //! `control::tick` as the real-time thread against the simulated device; it knows no clock,
 //! no thread, no file and no socket, and nothing in a tick may use it.
 
+pub mod design;
+#[cfg(feature = "design")]
+pub mod experiment;
 pub mod manipulability;
 pub mod smoothness;
 pub mod wall_following;

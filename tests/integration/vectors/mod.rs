@@ -4,11 +4,15 @@
 //! row-major, `null` = not defined. Agreement is 1e-9 relative to max(1, largest entry).
 
 mod brake_alloc;
+mod coercive;
 mod fivebar;
+mod force_distribution;
+mod gp;
 mod karnopp;
 mod rrr3;
 mod serial2;
 mod sym5bar;
+mod sym5bar_grid;
 
 use hapticd::actuation::{Classification, Region};
 use nalgebra::{Dim, Matrix, RawStorage};
@@ -26,15 +30,18 @@ pub struct Case {
 
 /// Every case of `tests/data/vectors/NAME.json`; a file without one fails.
 pub fn cases(file: &'static str) -> Vec<Case> {
-    let path =
-        Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/data/vectors/{file}.json"));
-    let text = std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
-    let mut content: Value =
-        serde_json::from_str(&text).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
-    let Value::Array(cases) = content["cases"].take() else { panic!("{file}: no `cases`") };
+    let Value::Array(cases) = content(file)["cases"].take() else { panic!("{file}: no `cases`") };
     assert!(!cases.is_empty(), "{file}: holds no case");
     let case = |(number, fields)| Case { file, number, fields };
     cases.into_iter().enumerate().map(case).collect()
+}
+
+/// A whole file of `tests/data/vectors`.
+pub fn content(file: &str) -> Value {
+    let path =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/data/vectors/{file}.json"));
+    let text = std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    serde_json::from_str(&text).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
 }
 
 impl Case {

@@ -1,0 +1,339 @@
+//! `hapticd design optimize`: better lengths and ratios within bounds.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use serde_json::{Map, Value, json};
+
+use super::arguments::{Output, Workspace, parse_pair, progress_bar, write};
+use super::{pictures, synthesis};
+use crate::analysis::design::Grid;
+use crate::analysis::design::linkages::{DesignBounds, NAMES, five_bar_of, variables_of};
+use crate::analysis::design::optimise::{Design, DesignProblem, Effort, Method, optimise, pareto};
+use crate::config::DeviceDefinition;
+use crate::mechanism::FiveBarParameters;
+use crate::plot::{Axis, Colour, Figure, Marks, Panel, Series, Sign};
+
+/// How to search.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum SearchMethod {
+    /// Nelder and Mead with exterior penalties, as published
+    Simplex,
+    /// Particle swarms, then Nelder and Mead
+    Global,
+}
+
+/// Search for better lengths and ratios
+///
+/// A braked five-bar: the weighted sum of GP_a and GP_f over the area-uniform workspace is made
+/// small. Links 1 to 4 and the ratios k3 and k4 vary within their bounds; link 5 stays what the
+/// device has, because only the lengths over it matter for directions (Cho 2005, Eq 18), and so
+/// do the signs: lever, tendons, elbow, branch. A symmetric five-bar: the places with K of 5 or
+/// more are counted for every design of Singh's Table 1.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  hapticd design optimize --device cho-2005 --seed 1 --json
+  hapticd design optimize --device cho-2005-crossed --write better.toml
+  hapticd design optimize --method simplex --weights 1,1 --starts 16
+  hapticd design optimize --pareto --out front.svg --csv front.csv
+  hapticd design optimize --l 0.1,0.35 --k 0.2,1 --r 0.15,0.5
+
+The result depends on the seed and not on the number of threads.")]
+pub struct Optimize {
+    /// Built-in device or device file: what is varied, and what stays
+    #[arg(long, value_name = "NAME|FILE", default_value = "cho-2005")]
+    device: String,
+    /// How to search
+    #[arg(long, value_enum, default_value = "global")]
+    method: SearchMethod,
+    /// Of the random starts
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+    /// Independent random starts, 1 to 1000
+    #[arg(long, value_name = "N", default_value_t = 12,
+        value_parser = clap::value_parser!(u16).range(1..=1000))]
+    starts: u16,
+    /// Weights of GP_a and GP_f in the utility function
+    #[arg(long, value_name = "A,F", default_value = "1,10", value_parser = parse_pair)]
+    weights: [f64; 2],
+    /// Least and most length of links 1 to 4, m
+    #[arg(long, value_name = "LEAST,MOST", default_value = "0.1,0.3", value_parser = parse_pair)]
+    l: [f64; 2],
+    /// Least and most of the ratios k3 and k4
+    #[arg(long, value_name = "LEAST,MOST", default_value = "0.1,1", value_parser = parse_pair)]
+    k: [f64; 2],
+    /// Search the front between GP_a alone and GP_f alone too, by so many weightings
+    #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "9",
+        value_parser = clap::value_parser!(u16).range(2..=100))]
+    pareto: Option<u16>,
+    /// Write the design as a device file that `serve` takes
+    #[arg(long, value_name = "FILE")]
+    write: Option<PathBuf>,
+    #[command(flatten)]
+    workspace: Workspace,
+    #[command(flatten)]
+    output: Output,
+}
+
+impl Optimize {
+    /// Searches, prints, and writes.
+    pub fn run(self) -> anyhow::Result<()> {
+        let device = DeviceDefinition::load(&self.device)?;
+        if device.mechanism.name() == "symmetric-five-bar" {
+            return synthesis::run(&device, &self.output, self.write.as_deref());
+        }
+        let Some(class) = five_bar_of(&device.parameters) else {
+            anyhow::bail!(
+                "{}: a {} has no known design problem; five-bar and symmetric-five-bar have",
+                device.name,
+                device.mechanism.name()
+            );
+        };
+        let problem = self.problem(class)?;
+        let effort = self.effort();
+        let rounds = u64::from(self.starts) * (1 + self.pareto.map_or(0, u64::from));
+        let bar = progress_bar(rounds, "starts");
+        let found = optimise(&problem, &effort, &|| bar.inc(1));
+        let front =
+            self.pareto.map(|steps| pareto(&problem, &effort, steps.into(), &|| bar.inc(1)));
+        bar.finish_and_clear();
+        let Some(found) = found else {
+            let [least_m, most_m] = problem.workspace_m;
+            anyhow::bail!(
+                "no design within these bounds reaches r = {least_m} to {most_m} m; widen --l or \
+                 narrow --r"
+            );
+        };
+        let given = problem.evaluate(&variables_of(&class));
+        if self.output.json {
+            say!("{}", self.account(&device, &problem, &found, given.as_ref(), front.as_deref()));
+        } else {
+            self.print(&device, &problem, &found, given.as_ref(), front.as_deref());
+        }
+        let listed = front.clone().unwrap_or_else(|| vec![found]);
+        self.output.table(|| csv(&listed))?;
+        self.output
+            .picture(|| picture(&device, &problem, &found, given.as_ref(), front.as_deref()))?;
+        match &self.write {
+            Some(path) => write(path, &device_file(&device, &found)?),
+            None => Ok(()),
+        }
+    }
+
+    fn problem(&self, class: FiveBarParameters) -> anyhow::Result<DesignProblem> {
+        let bounds = DesignBounds { l_m: self.l, k: self.k };
+        bounds.check()?;
+        let [a, f] = self.weights;
+        anyhow::ensure!(
+            (0.0..=1e3).contains(&a) && (0.0..=1e3).contains(&f) && a + f >= 1e-3,
+            "--weights {a},{f}: must be 0 to 1000 each, and not both 0"
+        );
+        let problem =
+            DesignProblem { class, bounds, workspace_m: self.workspace.radii_m(), weights: [a, f] };
+        problem.grid().check()?;
+        Ok(problem)
+    }
+
+    fn effort(&self) -> Effort {
+        let method = match self.method {
+            SearchMethod::Simplex => Method::Simplex,
+            SearchMethod::Global => Method::Global,
+        };
+        Effort { method, starts: self.starts.into(), radii: 31, seed: self.seed }
+    }
+
+    fn account(
+        &self,
+        device: &DeviceDefinition,
+        problem: &DesignProblem,
+        found: &Design,
+        given: Option<&Design>,
+        front: Option<&[Design]>,
+    ) -> Value {
+        let mut all = design_json(found);
+        let mut put = |key: &str, value| drop(all.insert(key.into(), value));
+        put("device", json!(device.name.as_str()));
+        put("method", json!(format!("{:?}", self.method).to_lowercase()));
+        put("seed", json!(self.seed));
+        put("starts", json!(self.starts));
+        put("weights", json!({ "gp_a": problem.weights[0], "gp_f": problem.weights[1] }));
+        put("utility", json!(problem.utility(found)));
+        put(
+            "bounds",
+            json!({ "l_m": problem.bounds.l_m, "k": problem.bounds.k,
+            "r_m": problem.workspace_m, "l5_m": problem.class.l_m[4] }),
+        );
+        put("grid", json!(Grid::Annulus(problem.grid()).to_string()));
+        put("given", json!(given.map(design_json)));
+        if let Some(front) = front {
+            put("pareto", front.iter().map(design_json).collect::<Vec<_>>().into());
+        }
+        all.into()
+    }
+
+    fn print(
+        &self,
+        device: &DeviceDefinition,
+        problem: &DesignProblem,
+        found: &Design,
+        given: Option<&Design>,
+        front: Option<&[Design]>,
+    ) {
+        let ([a, f], [l_least, l_most], [k_least, k_most]) =
+            (problem.weights, problem.bounds.l_m, problem.bounds.k);
+        say!("grid: {}", Grid::Annulus(problem.grid()));
+        say!(
+            "made small: {a} GP_a + {f} GP_f; links 1 to 4 {l_least} to {l_most} m, ratios \
+             {k_least} to {k_most}, link 5 stays {} m",
+            problem.class.l_m[4]
+        );
+        if let Some(given) = given {
+            say!("{:<10} {}", device.name, line(given));
+        }
+        say!("{:<10} {}", "found", line(found));
+        for design in front.unwrap_or_default() {
+            say!("{:<10} {}", "front", line(design));
+        }
+    }
+}
+
+fn line(design: &Design) -> String {
+    let FiveBarParameters { l_m, k3, k4, .. } = design.parameters;
+    let l_m: Vec<_> = l_m.iter().map(|l| format!("{l:.4}")).collect();
+    format!(
+        "GP_a {:.4}  GP_f {:.4}  l {} m  k3 {k3:.4}  k4 {k4:.4}",
+        design.GP_a,
+        design.GP_f,
+        l_m.join(" ")
+    )
+}
+
+fn design_json(design: &Design) -> Map<String, Value> {
+    let FiveBarParameters { l_m, k3, k4, lever, tendons, elbow, branch } = design.parameters;
+    let parameters = json!({ "l_m": l_m, "k3": k3, "k4": k4, "lever": lever, "tendons": tendons,
+        "elbow": elbow, "branch": branch });
+    let pairs =
+        [("gp_a", json!(design.GP_a)), ("gp_f", json!(design.GP_f)), ("design", parameters)];
+    pairs.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+}
+
+fn csv(designs: &[Design]) -> String {
+    let line = |design: &Design| {
+        let variables = variables_of(&design.parameters).map(|value| value.to_string());
+        format!(
+            "{},{},{},{}\n",
+            design.GP_a,
+            design.GP_f,
+            variables.join(","),
+            design.parameters.l_m[4]
+        )
+    };
+    let lines: String = designs.iter().map(line).collect();
+    format!("gp_a,gp_f,{},l5_m\n{lines}", NAMES.join(","))
+}
+
+/// The front where there is one, otherwise the histograms before and after.
+fn picture(
+    device: &DeviceDefinition,
+    problem: &DesignProblem,
+    found: &Design,
+    given: Option<&Design>,
+    front: Option<&[Design]>,
+) -> Figure {
+    if let Some(front) = front {
+        return Figure::single(front_panel(
+            front,
+            &[("found", *found)],
+            given.map(|design| (device.name.as_str(), *design)),
+        ));
+    }
+    let betas = |design: &Design| {
+        let linkage = crate::analysis::design::linkages::build(&design.parameters).ok()?;
+        Some(pictures::largest_betas_deg(&linkage, &Grid::Annulus(problem.grid())))
+    };
+    let designs = [(device.name.as_str(), given), ("found", Some(found))];
+    let all: Vec<_> =
+        (designs.into_iter()).filter_map(|(name, design)| Some((name, betas(design?)?))).collect();
+    Figure::single(pictures::histogram("Largest beta over the workspace", &all))
+}
+
+/// Mean P_f over mean P_a: a front, and designs beside it.
+pub fn front_panel(
+    front: &[Design],
+    others: &[(&str, Design)],
+    given: Option<(&str, Design)>,
+) -> Panel {
+    let at = |design: &Design| [design.GP_a, design.GP_f];
+    let points: Vec<_> = front.iter().map(at).collect();
+    let mut series = vec![
+        Series::unnamed(Colour::Blue, Marks::Line(points.clone())),
+        Series::new("front, by weighted sums", Colour::Blue, Marks::Points(Sign::Dot, points)),
+    ];
+    let beside = given.iter().chain(others).map(|(_, design)| design);
+    let signs = [Sign::Diamond, Sign::Square, Sign::Circle, Sign::Cross];
+    for (i, (name, design)) in given.iter().chain(others).enumerate() {
+        let marks = Marks::Points(signs[i % signs.len()], vec![at(design)]);
+        series.push(Series::new(*name, Colour::of(i + 1), marks));
+    }
+    Panel {
+        title: "Mean indices over the area-uniform workspace".into(),
+        x: Axis::new("GP_a [rad^2]"),
+        y: with_headroom("GP_f [rad]", front.iter().chain(beside).map(|design| design.GP_f)),
+        series,
+        ..Panel::default()
+    }
+}
+
+/// An axis that leaves room for a legend above all values.
+fn with_headroom(label: &str, values: impl Iterator<Item = f64>) -> Axis {
+    let (least, most) =
+        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), v| (l.min(v), m.max(v)));
+    let span = (most - least).max(1e-6);
+    Axis::between(label, least - 0.05 * span, most + 0.35 * span)
+}
+
+/// The given device's file with the found lengths and ratios. What its author wrote in
+/// comments does not survive; what it means does.
+fn device_file(device: &DeviceDefinition, found: &Design) -> anyhow::Result<String> {
+    let mut file: toml::Table = device.text.parse()?;
+    let FiveBarParameters { l_m, k3, k4, .. } = found.parameters;
+    let description = format!(
+        "Five-bar found from {} (GP_a {:.4}, GP_f {:.4})",
+        device.name, found.GP_a, found.GP_f
+    );
+    file.insert("description".into(), description.into());
+    if let Some(mechanism) = file.get_mut("mechanism").and_then(toml::Value::as_table_mut) {
+        mechanism.insert("l_m".into(), l_m.to_vec().into());
+        mechanism.insert("k3".into(), k3.into());
+        mechanism.insert("k4".into(), k4.into());
+    }
+    let text = format!(
+        "# A five-bar found by `hapticd design optimize` from {}: mean indices over the\n# \
+         area-uniform workspace GP_a = {}, GP_f = {}.\n\n{}",
+        device.name,
+        found.GP_a,
+        found.GP_f,
+        toml::to_string(&file)?
+    );
+    // Nobody is left with a file that no server takes.
+    DeviceDefinition::from_toml("found", &text, "the found design")?;
+    Ok(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_found_design_is_a_device_that_can_be_loaded() {
+        let device = DeviceDefinition::load("cho-2005-crossed").unwrap();
+        let mut parameters = five_bar_of(&device.parameters).unwrap();
+        (parameters.l_m[1], parameters.k3) = (0.181, 0.3333);
+        let found = Design { parameters, GP_a: 5.0, GP_f: 0.9 };
+        let text = device_file(&device, &found).unwrap();
+        let read = DeviceDefinition::from_toml("mine", &text, "mine.toml").unwrap();
+        assert_eq!(five_bar_of(&read.parameters), Some(parameters));
+        assert_eq!(read.actuators, device.actuators);
+        assert!(read.description.contains("found from cho-2005-crossed"), "{}", read.description);
+    }
+}
