@@ -9,8 +9,12 @@ macro_rules! say {
 mod config;
 mod ctl;
 mod demo;
+#[cfg(feature = "design")]
+mod design;
 mod doctor;
 mod events;
+#[cfg(feature = "design")]
+mod experiment;
 mod explain;
 mod format;
 mod hand;
@@ -49,6 +53,10 @@ struct Cli {
 enum Command {
     Serve(serve::Serve),
     Demo(demo::Demo),
+    #[cfg(feature = "design")]
+    Design(design::Design),
+    #[cfg(feature = "design")]
+    Experiment(experiment::Experiment),
     Scene(scene::Scene),
     Ctl(ctl::Ctl),
     Explain(explain::Explain),
@@ -65,6 +73,10 @@ pub fn run() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Serve(command) => command.run(),
         Command::Demo(command) => command.run(),
+        #[cfg(feature = "design")]
+        Command::Design(command) => command.run(),
+        #[cfg(feature = "design")]
+        Command::Experiment(command) => command.run(),
         Command::Scene(command) => command.run(),
         Command::Ctl(command) => command.run(),
         Command::Explain(command) => command.run(),

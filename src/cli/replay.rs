@@ -27,8 +27,7 @@ pub struct Replay {
     /// A file of `hapticd record`, or a black box
     #[arg(value_name = "FILE")]
     file: PathBuf,
-    /// Compare this law with the recorded one, on a simulated device: auto, optimal,
-    /// nearest-reference, predicted-velocity, sliding
+    /// Compare this law with the recorded one, on a simulated device; names as `ctl strategy`
     #[arg(long, value_name = "NAME")]
     law: Option<Strategy>,
     /// Draw the comparison here, as SVG; must not exist

@@ -37,7 +37,8 @@ pub struct Set {
 #[command(after_help = "Example:
   hapticd ctl strategy predicted-velocity")]
 pub struct ChooseStrategy {
-    /// auto, optimal, nearest-reference, predicted-velocity or sliding
+    /// auto (usual), or optimal, nearest-reference, coercive, coercive-literal, sliding,
+    /// predicted-velocity, path-following, least-norm, weighted, null-space, null-space-iterated
     #[arg(value_name = "NAME")]
     law: String,
 }

@@ -4,6 +4,8 @@
 
 #[cfg(feature = "net")]
 mod commands;
+#[cfg(all(feature = "net", feature = "design"))]
+mod design;
 mod devices;
 #[cfg(feature = "net")]
 mod explain;
