@@ -9,6 +9,7 @@ use std::sync::Once;
 use plotters::backend::BitMapBackend;
 use plotters::coord::Shift;
 use plotters::coord::types::RangedCoordf64;
+use plotters::element::DashedPathElement;
 use plotters::prelude::*;
 use plotters::style::{FontStyle, register_font};
 
@@ -131,8 +132,11 @@ fn draw_axes<'a, DB: DrawingBackend + 'a>(
     panel: &Panel,
     scale: f64,
 ) -> Drawn<DB> {
-    let number = |logarithmic| move |value: &f64| tick_label(logarithmic, *value);
-    let (x_number, y_number) = (number(panel.x.logarithmic), number(panel.y.logarithmic));
+    let number = |logarithmic, along: std::ops::Range<f64>| {
+        move |value: &f64| tick_label(logarithmic, *value, along.end - along.start)
+    };
+    let x_number = number(panel.x.logarithmic, chart.x_range());
+    let y_number = number(panel.y.logarithmic, chart.y_range());
     chart
         .configure_mesh()
         .x_labels(7)
@@ -249,6 +253,7 @@ fn name_series<'a, DB: DrawingBackend + 'a>(
         Marks::Area(_) | Marks::Bars(..) | Marks::Cells { .. } => Some(Sign::Square),
         _ => None,
     };
+    let dashed = matches!(series.marks, Marks::Dashed(_));
     let nothing: Vec<PathElement<(f64, f64)>> = Vec::new();
     let entry = chart.draw_series(nothing)?;
     entry.label(label.as_str());
@@ -259,7 +264,12 @@ fn name_series<'a, DB: DrawingBackend + 'a>(
         None => {
             let length = (22.0 * scale) as i32;
             let thick = colour.stroke_width((2.0 * scale) as u32);
-            entry.legend(move |(x, y)| PathElement::new(vec![(x, y), (x + length, y)], thick))
+            let gap = if dashed { (4.0 * scale) as u32 } else { 0 };
+            let dash = (6.0 * scale) as u32;
+            entry.legend(move |(x, y)| {
+                let line = vec![(x, y), (x + length, y)];
+                DashedPathElement::new(line.into_iter(), dash, gap, thick)
+            })
         }
     };
     Ok(())
@@ -339,7 +349,7 @@ impl<'a> ColourBar<'a> {
             .margin_right((scale * 8.0) as u32)
             .y_label_area_size((scale * Y_LABELS_PX) as u32)
             .build_cartesian_2d(0.0..1.0, least..most)?;
-        let number = |value: &f64| tick_label(self.logarithmic, *value);
+        let number = |value: &f64| tick_label(self.logarithmic, *value, most - least);
         chart
             .configure_mesh()
             .disable_mesh()

@@ -81,8 +81,10 @@ fn equalled(ranges: [[f64; 2]; 2], px: [f64; 2]) -> [[f64; 2]; 2] {
     })
 }
 
-/// A number beside an axis, as short as it can be.
-pub(super) fn tick_label(logarithmic: bool, value: f64) -> String {
+/// A number beside an axis that is `span` long, as short as it can be; what is left of rounding
+/// is zero.
+pub(super) fn tick_label(logarithmic: bool, value: f64, span: f64) -> String {
+    let value = if value.abs() < 1e-9 * span { 0.0 } else { value };
     let value = if logarithmic { two_digits(10f64.powf(value)) } else { value };
     if value != 0.0 && !(1e-3..1e5).contains(&value.abs()) {
         let text = format!("{value:.1e}");
@@ -122,12 +124,13 @@ mod tests {
             (1e7, "1e7"),
             (2.5e-5, "2.5e-5"),
             (12.0, "12"),
+            (-5.6e-17, "0"),
         ] {
-            assert_eq!(tick_label(false, value), text);
+            assert_eq!(tick_label(false, value, 1.0), text);
         }
-        assert_eq!(tick_label(true, 2.0), "100");
-        assert_eq!(tick_label(true, 3.2), "1600");
-        assert_eq!(tick_label(true, -2.4), "0.004");
+        assert_eq!(tick_label(true, 2.0, 1.0), "100");
+        assert_eq!(tick_label(true, 3.2, 1.0), "1600");
+        assert_eq!(tick_label(true, -2.4, 1.0), "0.004");
     }
 
     #[test]
