@@ -268,7 +268,7 @@ fn name_series<'a, DB: DrawingBackend + 'a>(
             let dash = (6.0 * scale) as u32;
             entry.legend(move |(x, y)| {
                 let line = vec![(x, y), (x + length, y)];
-                DashedPathElement::new(line.into_iter(), dash, gap, thick)
+                DashedPathElement::new(line, dash, gap, thick)
             })
         }
     };
