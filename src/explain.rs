@@ -13,7 +13,7 @@ mod tests;
 
 use nalgebra::Vector3;
 
-use crate::actuation::Region;
+use crate::actuation::{Region, Strategy};
 use crate::control::{Limit, Mode, RenderedSource, Report};
 use crate::session::Role;
 
@@ -181,7 +181,11 @@ fn reasons(report: &Report, circumstances: &Circumstances) -> Vec<Reason> {
             untouched && !inside && (commanded || (around.objects > 0 && !around.out_of_reach)),
         ),
         (Reason::OutsideFreedoms, limited(Limit::Freedom)),
-        (Reason::NotDisplayable, report.region == Some(Region::NotDisplayable)),
+        // A wall that `sliding` holds is felt as it should be, whatever its penalty points along.
+        (
+            Reason::NotDisplayable,
+            report.region == Some(Region::NotDisplayable) && report.law != Some(Strategy::Sliding),
+        ),
         (Reason::ForceLimit, limited(Limit::Force) && !by_range),
         (Reason::DeviceRange, limited(Limit::Force) && by_range),
         (Reason::TorqueLimit, limited(Limit::Torque)),

@@ -65,6 +65,9 @@ fn each_way_has_its_first_reason() {
     let with = |limit| Report { limits: limited(limit), ..felt() };
     let against = Report { requested: wrench(5.0), ..free() };
     let away = Report { region: Some(Region::NotDisplayable), ..against };
+    let slid = Report { law: Some(Strategy::Sliding), ..away };
+    let told = explain(&slid, &one()).reasons;
+    assert!(told.iter().all(|(why, _)| *why != Reason::NotDisplayable), "{told:?}");
     let unknown = Report { rendered_source: RenderedSource::Unknown, ..felt() };
     let cases = [
         (fault, one(), Reason::Fault),
