@@ -39,8 +39,7 @@ pub fn path_following(
     let Some(mobility) = Mobility::of(&handle.inertia, capability.freedoms) else {
         return released;
     };
-    let hand = handle.hand_force.unwrap_or_else(PlaneVector::zeros);
-    let ahead = handle.velocity + mobility.give(&hand) * handle.tick_s;
+    let ahead = mobility.ahead(handle);
     let missing = |wall: &WallDemand| (wall.depth_m - LAYER_M) / RETURN_S - ahead.dot(&wall.normal);
     let asking = walls.iter().filter(|wall| wall.force_N > 0.0);
     let Some(wall) = asking.max_by(|a, b| missing(a).total_cmp(&missing(b))) else {

@@ -71,6 +71,12 @@ impl Mobility {
         self.inverse * force
     }
 
+    /// Where the handle is about to go: an unknown hand force counts as none.
+    pub(super) fn ahead(&self, handle: &Handle) -> PlaneVector {
+        let hand = handle.hand_force.unwrap_or_else(PlaneVector::zeros);
+        handle.velocity + self.give(&hand) * handle.tick_s
+    }
+
     /// What is left of `motion` when nothing can move along `ray`.
     fn locked(&self, motion: &PlaneVector, ray: &PlaneVector) -> PlaneVector {
         let give = self.inverse * ray;
@@ -89,8 +95,7 @@ pub fn predicted_velocity(
     let Some(mobility) = Mobility::of(&handle.inertia, capability.freedoms) else {
         return released;
     };
-    let hand = handle.hand_force.unwrap_or_else(PlaneVector::zeros);
-    let ahead = handle.velocity + mobility.give(&hand) * handle.tick_s;
+    let ahead = mobility.ahead(handle);
     let into = |wall: &&WallDemand| wall.force_N > 0.0 && ahead.dot(&wall.normal) < 0.0;
     let pressed = walls.iter().filter(into).min_by(|a, b| {
         let depth = |wall: &WallDemand| ahead.dot(&wall.normal);

@@ -12,7 +12,8 @@ fn every_fivebar_case_agrees() {
     }
 }
 
-fn device(case: &Case) -> FiveBar {
+/// The linkage of a case.
+pub(super) fn device(case: &Case) -> FiveBar {
     let parameters = FiveBarParameters {
         l_m: case.array("l"),
         k3: case.number("k3"),

@@ -1,9 +1,10 @@
 //! `gp.json`: betas and indices of the three designs by radius, and their named means.
 
 use hapticd::analysis::design::{Annulus, GlobalIndices, Grid, Mean};
-use hapticd::mechanism::{FiveBar, FiveBarParameters, Inertia, Mechanism, Rays};
+use hapticd::mechanism::{FiveBar, Mechanism, Rays};
 use hapticd::notation::{ActuatorVector, PlaneVector};
 
+use super::fivebar::device;
 use super::{Case, cases};
 
 #[test]
@@ -13,20 +14,6 @@ fn every_gp_case_agrees() {
         check_radii(&case, &device);
         check_means(&case, &device);
     }
-}
-
-fn device(case: &Case) -> FiveBar {
-    let parameters = FiveBarParameters {
-        l_m: case.array("l"),
-        k3: case.number("k3"),
-        k4: case.number("k4"),
-        lever: case.integer("s"),
-        tendons: case.integer("c"),
-        elbow: case.integer("e"),
-        branch: case.integer("b"),
-    };
-    FiveBar::new(parameters, Inertia::default())
-        .unwrap_or_else(|e| panic!("{}: {e}", case.place("l")))
 }
 
 fn check_radii(case: &Case, device: &FiveBar) {
