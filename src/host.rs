@@ -230,6 +230,7 @@ impl DeviceHost {
         let mut kept = lock(&self.kept);
         let mut next = kept.scene.clone();
         let result = edit(&mut next)?;
+        self.definition.check_scene(&next).map_err(SceneError::from)?;
         if let Err(error) = kept.file.save(&next) {
             // It may have been put in place before it failed; what was acknowledged stays.
             let Kept { scene, file, .. } = &mut *kept;

@@ -44,6 +44,9 @@ impl ReadyDevice {
         state_dir: &StateDir,
     ) -> anyhow::Result<Self> {
         let (scene_file, scene) = state_dir.scene(&definition.name)?;
+        definition
+            .check_scene(&scene)
+            .with_context(|| format!("the scene kept for device {}", definition.name))?;
         let mut device = SimulatedDevice::new(definition.simulation(served.hand), SEED)
             .with_context(|| format!("device {}", definition.name))?;
         let pointer = (served.hand == HandProgram::Pointer).then(|| {

@@ -1,18 +1,23 @@
-//! The stiffest wall that a motor device can render, from the drag of its shafts.
+//! The stiffest wall that a motor device can render, from the drag of its shafts, and the
+//! refusal of a scene that asks for more.
 //!
 //! A sampled spring feeds energy to what bounces on it: held for a tick it pushes, on the
-//! mean, half a tick late, and a motor's lag comes on top. With b the damping at the handle it
-//! is passive for `K <= b / (T / 2 + lag)` (Colgate & Brown 1994 without lag; a first-order
-//! lag counts as the delay that it is for slow motion, derived here). Brakes take energy and
-//! never feed any: a device of brakes alone has no such bound. N s/m, N/m, seconds.
+//! mean, half a tick late, and a motor's lag comes on top. With b the damping at the handle
+//! and B that of the surface it is passive for `K (T / 2 + lag) + B <= b` (Colgate & Brown 1994
+//! without lag; a first-order lag counts as the delay that it is for slow motion, derived here).
+//! Brakes take energy and never feed any: a device of brakes alone has no such bound. Contacts
+//! that a controller streams are not looked at here. N s/m, N/m, seconds.
 
 use nalgebra::SMatrix;
 use std::f64::consts::TAU;
 
+use super::{DeviceDefinition, Scene};
 use crate::actuation::ActuatorKind;
 use crate::control::Actuators;
+use crate::environment::Element;
 use crate::mechanism::Mechanism;
 use crate::notation::{ActuatorVector, PlaneVector};
+use crate::units::FieldError;
 
 /// The grid over the reach: distances from its inner to its outer edge, bearings, turns.
 const DISTANCES: usize = 12;
@@ -67,4 +72,103 @@ pub(super) fn largest_N_per_m(
         .map(|((_, lag_s), _)| *lag_s)
         .reduce(f64::max);
     lag_s.map_or(f64::INFINITY, |lag_s| least_damping_N_s_per_m / (0.5 * tick_s + lag_s))
+}
+
+impl DeviceDefinition {
+    /// Refuses a scene with an object that the motors would feed, by the object's name.
+    pub fn check_scene(&self, scene: &Scene) -> Result<(), FieldError> {
+        let largest_N_per_m = self.largest_stiffness_N_per_m();
+        if largest_N_per_m.is_infinite() {
+            return Ok(());
+        }
+        let most_Ns_per_m = self.least_damping_N_s_per_m();
+        for object in scene.list() {
+            let (kind, stiffness_N_per_m, damping_Ns_per_m) = feel(&object.element());
+            let refuse = |field: &str, value: f64, most: f64, unit: &str, beside: String| {
+                let allowed = format!(
+                    "must be at most {most:.3} {unit}{beside}: motors would feed a stiffer or \
+                     more damped one at this rate"
+                );
+                let field = format!("objects.{}.{kind}.{field}", object.id());
+                Err(FieldError::new(field, value, allowed))
+            };
+            if damping_Ns_per_m > most_Ns_per_m {
+                let (field, unit) = ("damping_ns_per_m", "N s/m");
+                return refuse(field, damping_Ns_per_m, most_Ns_per_m, unit, String::new());
+            }
+            let left = 1.0 - damping_Ns_per_m / most_Ns_per_m.max(f64::MIN_POSITIVE);
+            // What the demo asks for comes back through floats.
+            let most_N_per_m = largest_N_per_m * left;
+            if stiffness_N_per_m > most_N_per_m * (1.0 + 1e-6) {
+                let beside = match damping_Ns_per_m {
+                    0.0 => String::new(),
+                    damping => format!(" beside a damping of {damping} N s/m"),
+                };
+                let (field, unit) = ("stiffness_n_per_m", "N/m");
+                return refuse(field, stiffness_N_per_m, most_N_per_m, unit, beside);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Where an element has them, and its largest stiffness and damping in any direction.
+fn feel(element: &Element) -> (&'static str, f64, f64) {
+    match element {
+        Element::Surface(surface) => {
+            let material = &surface.material;
+            ("material", material.stiffness_N_per_m, material.damping_Ns_per_m)
+        }
+        Element::Corridor(corridor) => {
+            let material = &corridor.material;
+            ("material", material.stiffness_N_per_m, material.damping_Ns_per_m)
+        }
+        Element::ConstantField { .. } => ("constant", 0.0, 0.0),
+        Element::ViscousField { damping_Ns_per_m } => ("viscous", 0.0, *damping_Ns_per_m),
+        Element::ForceField(field) => {
+            let most = |matrix: &nalgebra::Matrix3<f64>| matrix.singular_values().max();
+            ("force_field", most(&field.stiffness_N_per_m), most(&field.damping_Ns_per_m))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+    use crate::config::{Id, ObjectKind, SceneObject};
+    use crate::environment::Material;
+
+    fn with_wall(stiffness_N_per_m: f64, damping_Ns_per_m: f64) -> Scene {
+        let point_m = Vector3::new(0.3, 0.0, 0.0);
+        let kind = ObjectKind::HalfSpace { point_m, normal: -Vector3::x() };
+        let material = Material { stiffness_N_per_m, damping_Ns_per_m, ..Material::default() };
+        let id = Id::parse("id", "board").unwrap();
+        let wall = SceneObject::new(id, kind, Some(material), false).unwrap();
+        let mut scene = Scene::default();
+        scene.create(wall, None).unwrap();
+        scene
+    }
+
+    #[test]
+    fn motors_refuse_a_wall_that_they_would_feed_and_brakes_none() {
+        let brakes = DeviceDefinition::load("cho-2005").unwrap();
+        assert_eq!(brakes.check_scene(&with_wall(1e7, 1e3)), Ok(()));
+        for name in ["singh", "kim-2003"] {
+            let motors = DeviceDefinition::load(name).unwrap();
+            let (most, drag) =
+                (motors.largest_stiffness_N_per_m(), motors.least_damping_N_s_per_m());
+            assert_eq!(motors.check_scene(&with_wall(most, 0.0)), Ok(()));
+            assert_eq!(motors.check_scene(&with_wall(0.49 * most, 0.5 * drag)), Ok(()));
+            for (stiffness, damping, field) in [
+                (1.01 * most, 0.0, "objects.board.material.stiffness_n_per_m"),
+                (0.51 * most, 0.5 * drag, "beside a damping of"),
+                (0.0, 1.01 * drag, "objects.board.material.damping_ns_per_m"),
+            ] {
+                let refused = motors.check_scene(&with_wall(stiffness, damping)).unwrap_err();
+                assert!(refused.to_string().contains(field), "{name}: {refused}");
+            }
+        }
+    }
 }
