@@ -65,6 +65,8 @@ pub enum Reason {
     DeviceRange,
     /// An actuator is at its torque limit.
     TorqueLimit,
+    /// Motors would feed what surfaces ask: it is softened to what they can hold.
+    Softened,
     /// The device was enabled, or the gain or limit raised, a moment ago.
     Activation,
     /// A soft force is still growing as fast as it may.
@@ -189,6 +191,7 @@ fn reasons(report: &Report, circumstances: &Circumstances) -> Vec<Reason> {
         (Reason::ForceLimit, limited(Limit::Force) && !by_range),
         (Reason::DeviceRange, limited(Limit::Force) && by_range),
         (Reason::TorqueLimit, limited(Limit::Torque)),
+        (Reason::Softened, limited(Limit::Stiffness)),
         (Reason::Activation, limited(Limit::Activation) && asked),
         (Reason::Slew, limited(Limit::Slew)),
         (Reason::TooManyContacts, limited(Limit::Constraints)),
@@ -294,6 +297,9 @@ fn always(reason: Reason) -> &'static str {
         Reason::ForceLimit => "More is asked than the force limit.",
         Reason::DeviceRange => "More is asked than the device has here in that direction.",
         Reason::TorqueLimit => "An actuator gives all the torque that it has.",
+        Reason::Softened => {
+            "The surfaces touched are stiffer than motors can hold here: they are softened."
+        }
         Reason::Activation => {
             "The device was enabled, or the gain or limit raised, a moment ago: the force still grows."
         }

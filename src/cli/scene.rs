@@ -62,6 +62,11 @@ const WALL_X_M: f32 = 0.3;
 /// A wall holds this long without a newer command; a scene that hangs loses it soon.
 const TTL_MS: u32 = 100;
 
+/// A wall that appears around the tool, after a gap too, pushes it out within this time, as far as
+/// motors can. A stiffer one is for brakes, which push nobody: it holds where the tool is.
+const BLEND_MS: u32 = 200;
+const STIFF_N_PER_M: f32 = 1e5;
+
 /// SCHED_FIFO priority of a scene, below every thread of a server.
 const SCENE_PRIORITY: u8 = 20;
 
@@ -152,8 +157,7 @@ impl Wall {
             stiffness_n_per_m: self.stiffness,
             damping_ns_per_m: self.damping,
             kinetic_friction: self.friction,
-            // Nobody is pushed by a wall that appears around the tool: it holds where the tool is.
-            blend_ms: 0,
+            blend_ms: if self.stiffness < STIFF_N_PER_M { BLEND_MS } else { 0 },
             ..Contact::default()
         }
     }

@@ -63,8 +63,6 @@ pub struct DeviceDefinition {
     pub residual_Nm: ActuatorVector,
     /// Hysteresis and backlash of the simulated brakes.
     pub imperfections: Imperfections,
-    /// Viscous drag of each shaft, N m s/rad.
-    pub damping_N_m_s_per_rad: ActuatorVector,
     /// See [`DeviceDefinition::least_damping_N_s_per_m`].
     least_damping_N_s_per_m: f64,
     /// Where the handle is when the device is homed, in B; `None`: the encoders are absolute.
@@ -118,13 +116,8 @@ impl DeviceDefinition {
         let name = Id::parse("file name without .toml", name)?;
         let (mechanism, parameters) =
             linkage::build(&layout.mechanism, &layout.inertia, &layout.actuators)?;
-        let CheckedActuators {
-            names,
-            actuators,
-            residual_Nm,
-            imperfections,
-            damping_N_m_s_per_rad,
-        } = check_actuators(&layout.actuators, mechanism.name(), mechanism.actuators())?;
+        let CheckedActuators { names, actuators, residual_Nm, imperfections } =
+            check_actuators(&layout.actuators, mechanism.name(), mechanism.actuators())?;
         let mut settings = Settings::default();
         let tick_ns = layout.control.check(&mut settings)?;
         layout.mount.check(&mut settings)?;
@@ -142,15 +135,15 @@ impl DeviceDefinition {
             start_m: check_start(mechanism.as_ref(), layout.simulation.start_m)?,
             home_m,
             home_rad,
+            least_damping_N_s_per_m: stiffness::least_damping_N_s_per_m(
+                mechanism.as_ref(),
+                &actuators,
+                &tool,
+            ),
             actuators,
             actuator_names: names,
             residual_Nm,
             imperfections,
-            damping_N_m_s_per_rad,
-            least_damping_N_s_per_m: stiffness::least_damping_N_s_per_m(
-                mechanism.as_ref(),
-                &damping_N_m_s_per_rad,
-            ),
             mechanism,
             force_sensor: layout.hand_force.check()?,
             mount,
@@ -217,7 +210,7 @@ impl DeviceDefinition {
             lag_s: self.actuators.lag_s,
             residual_Nm: self.residual_Nm,
             imperfections: self.imperfections,
-            damping_N_m_s_per_rad: self.damping_N_m_s_per_rad,
+            damping_N_m_s_per_rad: self.actuators.damping_N_m_s_per_rad,
             resolution_Nm: self.actuators.resolution_Nm,
             force_sensor: self.force_sensor,
             hand: hand.fitted(self.mechanism.reach_m()),
@@ -288,7 +281,7 @@ mod tests {
                 if motors {
                     assert_eq!(device.actuators.kinds[i], ActuatorKind::Motor);
                     assert!(
-                        device.damping_N_m_s_per_rad[i] > 0.0
+                        device.actuators.damping_N_m_s_per_rad[i] > 0.0
                             && device.actuators.resolution_Nm[i] > 0.0
                     );
                 } else {

@@ -182,7 +182,6 @@ pub(super) struct CheckedActuators {
     pub actuators: Actuators,
     pub residual_Nm: ActuatorVector,
     pub imperfections: Imperfections,
-    pub damping_N_m_s_per_rad: ActuatorVector,
 }
 
 /// Checks the `[[actuators]]` of a linkage that has `expected` shafts.
@@ -218,13 +217,13 @@ pub(super) fn check_actuators(
             resolution_Nm: per_actuator(layouts, 0.0, |one| one.resolution_Nm),
             weight: per_actuator(layouts, 1.0, |one| one.weight),
             hysteresis_Nm: per_actuator(layouts, 0.0, |one| one.hysteresis * one.max_torque_Nm),
+            damping_N_m_s_per_rad: per_actuator(layouts, 0.0, |one| one.damping_N_m_s_per_rad),
         },
         residual_Nm: per_actuator(layouts, 0.0, |one| one.residual_torque_Nm),
         imperfections: Imperfections {
             hysteresis: per_actuator(layouts, 0.0, |one| one.hysteresis),
             backlash_rad: per_actuator(layouts, 0.0, |one| one.backlash_rad),
         },
-        damping_N_m_s_per_rad: per_actuator(layouts, 0.0, |one| one.damping_N_m_s_per_rad),
     })
 }
 
@@ -249,6 +248,7 @@ impl ActuatorLayout {
         units::BACKLASH.check("backlash_rad", self.backlash_rad)?;
         units::SHAFT_DAMPING.check("damping_N_m_s_per_rad", self.damping_N_m_s_per_rad)?;
         self.check_resolution(kind)?;
+        self.check_imperfections(kind)?;
         units::WEIGHT.check("weight", self.weight)?;
         units::COUNTS.check_whole("counts_per_revolution", self.counts_per_revolution)?;
         Ok((name, kind))
@@ -256,6 +256,17 @@ impl ActuatorLayout {
 }
 
 impl ActuatorLayout {
+    /// Only what rubs has hysteresis, and only a brake is coupled with play here.
+    fn check_imperfections(&self, kind: ActuatorKind) -> Result<(), FieldError> {
+        let values = [("hysteresis", self.hysteresis), ("backlash_rad", self.backlash_rad)];
+        match values.into_iter().find(|(_, value)| *value != 0.0) {
+            Some((key, value)) if kind == ActuatorKind::Motor => {
+                Err(FieldError::new(key, value, "needs kind = \"brake\""))
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// A brake has no steps, and a step beyond the largest torque would leave none.
     fn check_resolution(&self, kind: ActuatorKind) -> Result<(), FieldError> {
         let (field, step_Nm) = ("resolution_Nm", self.resolution_Nm);

@@ -1,22 +1,20 @@
 //! The stiffest wall that a motor device can render, from the drag of its shafts, and the
 //! refusal of a scene that asks for more.
 //!
-//! A sampled spring feeds energy to what bounces on it: held for a tick it pushes, on the
-//! mean, half a tick late, and a motor's lag comes on top. With b the damping at the handle
-//! and B that of the surface it is passive for `K (T / 2 + lag) + B <= b` (Colgate & Brown 1994
-//! without lag; a first-order lag counts as the delay that it is for slow motion, derived here).
-//! Brakes take energy and never feed any: a device of brakes alone has no such bound. Contacts
-//! that a controller streams are not looked at here. N s/m, N/m, seconds.
+//! What a motor feeds and what the drag takes is told in [`crate::control`]; here it is asked of
+//! every place in the reach, of one object at a time. The tick itself softens whatever is too
+//! stiff where it is touched: several at once, or what a controller streams. Brakes take energy
+//! and never feed any: a device of brakes alone has no such bound. N s/m, N/m, seconds.
 
-use nalgebra::SMatrix;
 use std::f64::consts::TAU;
 
+use nalgebra::Vector3;
+
 use super::{DeviceDefinition, Scene};
-use crate::actuation::ActuatorKind;
-use crate::control::Actuators;
-use crate::environment::Element;
+use crate::control::{Actuators, Tool, least_damping_N_s_per_m as least_N_s_per_m};
+use crate::environment::{Element, Material};
 use crate::mechanism::Mechanism;
-use crate::notation::{ActuatorVector, PlaneVector};
+use crate::notation::PlaneVector;
 use crate::units::FieldError;
 
 /// The grid over the reach: distances from its inner to its outer edge, bearings, turns.
@@ -27,13 +25,16 @@ const TURNS: usize = 5;
 /// The ends of the reach are singular, and the simulated end stop keeps this share off.
 const EDGE: f64 = 0.05;
 
-/// The smallest damping that a translation of the handle feels anywhere in the reach.
+/// The smallest damping that a force on the handle feels anywhere in the reach, whichever point
+/// of the tool it acts on.
 pub(super) fn least_damping_N_s_per_m(
     mechanism: &dyn Mechanism,
-    damping_N_m_s_per_rad: &ActuatorVector,
+    actuators: &Actuators,
+    tool: &Tool,
 ) -> f64 {
     let (nearest_m, furthest_m) = mechanism.reach_m();
-    let turns = if mechanism.freedoms() == 3 { TURNS } else { 1 };
+    let freedoms = mechanism.freedoms();
+    let turns = if freedoms == 3 { TURNS } else { 1 };
     let mut least = f64::INFINITY;
     for (distance, bearing, turn) in grid(turns) {
         let share = EDGE + (1.0 - 2.0 * EDGE) * distance;
@@ -43,11 +44,23 @@ pub(super) fn least_damping_N_s_per_m(
         let p_BH = PlaneVector::new(r_m * cos, r_m * sin, phi_rad);
         // Where a working mode has no regular posture the handle does not get to.
         let Ok(posture) = mechanism.posture_at(&p_BH) else { continue };
-        let R = posture.reference.fixed_rows::<2>(0);
-        let felt = R * SMatrix::from_diagonal(damping_N_m_s_per_rad) * R.transpose();
-        least = least.min(felt.symmetric_eigenvalues().min());
+        let felt = actuators.handle_damping(&posture.reference, freedoms);
+        for arm_B_m in arms_B_m(tool, p_BH.z) {
+            least = least.min(least_N_s_per_m(&felt, &arm_B_m));
+        }
     }
     if least.is_finite() { least.max(0.0) } else { 0.0 }
+}
+
+/// From H to where the tool can be touched, with the handle turned by this.
+fn arms_B_m(tool: &Tool, phi_rad: f64) -> impl Iterator<Item = PlaneVector> {
+    static AT_T: [Vector3<f64>; 1] = [Vector3::new(0.0, 0.0, 0.0)];
+    let points_T_m = if tool.point_count == 0 { &AT_T } else { tool.points_T_m() };
+    let (sin, cos) = phi_rad.sin_cos();
+    points_T_m.iter().map(move |point_T_m| {
+        let at = tool.offset_B_m + point_T_m;
+        PlaneVector::new(cos * at.x - sin * at.y, sin * at.x + cos * at.y, 0.0)
+    })
 }
 
 /// Shares of distance and of a turn around, and turns from -1 to 1.
@@ -66,79 +79,88 @@ pub(super) fn largest_N_per_m(
     tick_s: f64,
     least_damping_N_s_per_m: f64,
 ) -> f64 {
-    let motors = actuators.kinds.iter().zip(&actuators.lag_s).zip(&actuators.max_torque_Nm);
-    let lag_s = motors
-        .filter(|((kind, _), most_Nm)| **kind == ActuatorKind::Motor && **most_Nm > 0.0)
-        .map(|((_, lag_s), _)| *lag_s)
-        .reduce(f64::max);
-    lag_s.map_or(f64::INFINITY, |lag_s| least_damping_N_s_per_m / (0.5 * tick_s + lag_s))
+    let delay_s = actuators.delay_s(tick_s);
+    delay_s.map_or(f64::INFINITY, |delay_s| least_damping_N_s_per_m / delay_s)
 }
 
 impl DeviceDefinition {
-    /// Refuses a scene with an object that the motors would feed, by the object's name.
+    /// Refuses a scene with an object that the motors would feed, by the object's name. Fields
+    /// act together and beside every surface; surfaces are looked at one by one.
     pub fn check_scene(&self, scene: &Scene) -> Result<(), FieldError> {
-        let largest_N_per_m = self.largest_stiffness_N_per_m();
-        if largest_N_per_m.is_infinite() {
+        let Some(delay_s) = self.actuators.delay_s(self.tick_ns as f64 * 1e-9) else {
             return Ok(());
-        }
-        let most_Ns_per_m = self.least_damping_N_s_per_m();
-        for object in scene.list() {
-            let (kind, stiffness_N_per_m, damping_Ns_per_m) = feel(&object.element());
-            let refuse = |field: &str, value: f64, most: f64, unit: &str, beside: String| {
-                let allowed = format!(
-                    "must be at most {most:.3} {unit}{beside}: motors would feed a stiffer or \
-                     more damped one at this rate"
-                );
-                let field = format!("objects.{}.{kind}.{field}", object.id());
-                Err(FieldError::new(field, value, allowed))
-            };
-            if damping_Ns_per_m > most_Ns_per_m {
-                let (field, unit) = ("damping_ns_per_m", "N s/m");
-                return refuse(field, damping_Ns_per_m, most_Ns_per_m, unit, String::new());
-            }
-            let left = 1.0 - damping_Ns_per_m / most_Ns_per_m.max(f64::MIN_POSITIVE);
-            // What the demo asks for comes back through floats.
-            let most_N_per_m = largest_N_per_m * left;
-            if stiffness_N_per_m > most_N_per_m * (1.0 + 1e-6) {
-                let beside = match damping_Ns_per_m {
-                    0.0 => String::new(),
-                    damping => format!(" beside a damping of {damping} N s/m"),
-                };
-                let (field, unit) = ("stiffness_n_per_m", "N/m");
-                return refuse(field, stiffness_N_per_m, most_N_per_m, unit, beside);
-            }
+        };
+        let feels = || scene.list().map(|object| (object, feel(&object.element())));
+        let late = |feel: &Feel| feel.stiffness_N_per_m * delay_s + feel.damping_Ns_per_m;
+        let is_field = |feel: &Feel| feel.kind != "material";
+        let fields: f64 =
+            feels().map(|(_, feel)| feel).filter(is_field).map(|feel| late(&feel)).sum();
+        for (object, feel) in feels() {
+            let beside = if is_field(&feel) { fields - late(&feel) } else { fields };
+            let left_Ns_per_m = (self.least_damping_N_s_per_m() - beside).max(0.0);
+            feel.check(left_Ns_per_m, delay_s)
+                .map_err(|error| error.within(&format!("objects.{}", object.id())))?;
         }
         Ok(())
     }
 }
 
 /// Where an element has them, and its largest stiffness and damping in any direction.
-fn feel(element: &Element) -> (&'static str, f64, f64) {
+struct Feel {
+    kind: &'static str,
+    stiffness_N_per_m: f64,
+    damping_Ns_per_m: f64,
+}
+
+impl Feel {
+    /// Refuses what is beyond the damping that is left for it.
+    fn check(&self, left_Ns_per_m: f64, delay_s: f64) -> Result<(), FieldError> {
+        let Self { kind, stiffness_N_per_m, damping_Ns_per_m } = self;
+        let refuse = |field: &str, value: f64, most: f64, unit: &str| {
+            let allowed = format!(
+                "must be at most {most:.3} {unit} beside the rest of it and the scene's fields: \
+                 motors would feed more at this rate"
+            );
+            Err(FieldError::new(format!("{kind}.{field}"), value, allowed))
+        };
+        // What the demo asks for comes back through floats.
+        let slack = 1.0 + 1e-6;
+        if *damping_Ns_per_m > left_Ns_per_m * slack {
+            return refuse("damping_ns_per_m", *damping_Ns_per_m, left_Ns_per_m, "N s/m");
+        }
+        let most_N_per_m = (left_Ns_per_m - damping_Ns_per_m).max(0.0) / delay_s;
+        if *stiffness_N_per_m > most_N_per_m * slack {
+            return refuse("stiffness_n_per_m", *stiffness_N_per_m, most_N_per_m, "N/m");
+        }
+        Ok(())
+    }
+}
+
+fn feel(element: &Element) -> Feel {
+    let feel = |kind, stiffness_N_per_m, damping_Ns_per_m| Feel {
+        kind,
+        stiffness_N_per_m,
+        damping_Ns_per_m,
+    };
+    let of = |material: &Material| {
+        feel("material", material.stiffness_N_per_m, material.damping_Ns_per_m)
+    };
     match element {
-        Element::Surface(surface) => {
-            let material = &surface.material;
-            ("material", material.stiffness_N_per_m, material.damping_Ns_per_m)
-        }
-        Element::Corridor(corridor) => {
-            let material = &corridor.material;
-            ("material", material.stiffness_N_per_m, material.damping_Ns_per_m)
-        }
-        Element::ConstantField { .. } => ("constant", 0.0, 0.0),
-        Element::ViscousField { damping_Ns_per_m } => ("viscous", 0.0, *damping_Ns_per_m),
+        Element::Surface(surface) => of(&surface.material),
+        Element::Corridor(corridor) => of(&corridor.material),
+        Element::ConstantField { .. } => feel("constant", 0.0, 0.0),
+        Element::ViscousField { damping_Ns_per_m } => feel("viscous", 0.0, *damping_Ns_per_m),
         Element::ForceField(field) => {
             let most = |matrix: &nalgebra::Matrix3<f64>| matrix.singular_values().max();
-            ("force_field", most(&field.stiffness_N_per_m), most(&field.damping_Ns_per_m))
+            feel("force_field", most(&field.stiffness_N_per_m), most(&field.damping_Ns_per_m))
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Vector3;
-
     use super::*;
     use crate::config::{Id, ObjectKind, SceneObject};
-    use crate::environment::Material;
 
     fn with_wall(stiffness_N_per_m: f64, damping_Ns_per_m: f64) -> Scene {
         let point_m = Vector3::new(0.3, 0.0, 0.0);
@@ -163,12 +185,29 @@ mod tests {
             assert_eq!(motors.check_scene(&with_wall(0.49 * most, 0.5 * drag)), Ok(()));
             for (stiffness, damping, field) in [
                 (1.01 * most, 0.0, "objects.board.material.stiffness_n_per_m"),
-                (0.51 * most, 0.5 * drag, "beside a damping of"),
+                (0.51 * most, 0.5 * drag, "objects.board.material.stiffness_n_per_m"),
                 (0.0, 1.01 * drag, "objects.board.material.damping_ns_per_m"),
             ] {
                 let refused = motors.check_scene(&with_wall(stiffness, damping)).unwrap_err();
                 assert!(refused.to_string().contains(field), "{name}: {refused}");
             }
+            // Two fields of which each alone would do, and a wall beside one of them.
+            let viscous = |id: &str| {
+                let kind = ObjectKind::Viscous { damping_Ns_per_m: 0.6 * drag };
+                SceneObject::new(Id::parse("id", id).unwrap(), kind, None, false).unwrap()
+            };
+            let mut scene = with_wall(0.39 * most, 0.0);
+            scene.create(viscous("oil"), None).unwrap();
+            assert_eq!(motors.check_scene(&scene), Ok(()));
+            scene.create(viscous("tar"), None).unwrap();
+            let refused = motors.check_scene(&scene).unwrap_err().to_string();
+            assert!(refused.starts_with("objects."), "{refused}");
+            let refused = motors.check_scene(&{
+                let mut scene = with_wall(0.41 * most, 0.0);
+                scene.create(viscous("oil"), None).unwrap();
+                scene
+            });
+            assert!(refused.unwrap_err().to_string().contains("objects.board.material"));
         }
     }
 }

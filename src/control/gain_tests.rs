@@ -21,6 +21,7 @@ impl Rig {
         let device = DeviceDefinition::load("cho-2005").expect("built in");
         let mut plan = build_plan(&device, &Scene::default());
         plan.actuators.kinds = [ActuatorKind::Motor; MAX_ACTUATORS];
+        plan.actuators.damping_N_m_s_per_rad.fill(100.0);
         plan.scene = [SceneItem { slot: 0, revision: 1, element }].into();
         let state = ControlState::new(Mode::Enabled);
         Self { plan, state, now_ns: 0, setpoint: Setpoint::NONE }

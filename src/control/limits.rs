@@ -24,11 +24,13 @@ pub enum Limit {
     Clutch,
     /// The device was enabled, or a gain or limit raised, a moment ago: the force still grows.
     Activation,
+    /// Surfaces were softened: motors would feed the handle if they gave all of their stiffness.
+    Stiffness,
 }
 
 impl Limit {
     /// Every limit, in the order of its bit.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Torque,
         Self::Force,
         Self::Slew,
@@ -37,6 +39,7 @@ impl Limit {
         Self::Constraints,
         Self::Clutch,
         Self::Activation,
+        Self::Stiffness,
     ];
 
     /// The name used in metrics.
@@ -50,6 +53,7 @@ impl Limit {
             Self::Constraints => "constraints",
             Self::Clutch => "clutch",
             Self::Activation => "activation",
+            Self::Stiffness => "stiffness",
         }
     }
 }

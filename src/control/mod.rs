@@ -27,6 +27,7 @@ mod report;
 mod sample;
 mod setpoint;
 mod snapshot;
+mod stability;
 mod stale;
 mod state;
 mod tick;
@@ -42,6 +43,7 @@ pub use plan::{Actuators, Guards, Mount, Plan, Tool};
 pub use report::{ContactResult, Event, MAX_EVENTS, Record, RenderedSource, Report, Wrench};
 pub use sample::{ActuatorCommand, ActuatorCommands, DeviceError, RELEASED, Sample, values_Nm};
 pub use setpoint::Setpoint;
+pub use stability::least_damping_N_s_per_m;
 pub use state::ControlState;
 pub use tick::{Decision, TickInput, tick};
 

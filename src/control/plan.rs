@@ -64,6 +64,8 @@ pub struct Actuators {
     pub weight: ActuatorVector,
     /// Width by which a brake's torque stays behind its command, N m.
     pub hysteresis_Nm: ActuatorVector,
+    /// Viscous drag of each shaft.
+    pub damping_N_m_s_per_rad: ActuatorVector,
 }
 
 /// Bounds on what is asked and how it may change.

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::*;
 use crate::config::{DeviceDefinition, Scene, build_plan};
-use crate::device::{Device, HandProgram, SimulatedDevice};
+use crate::device::{Device, HandProgram, SimulatedDevice, SlideProgram};
 use crate::environment::{Element, Material, SceneItem, Shape, Surface};
 use crate::notation::PlaneVector;
 
@@ -43,17 +43,19 @@ impl Touch {
 fn a_box_pushed_by_its_corner_is_felt_as_a_moment_and_turns() {
     for side in [1.0, -1.0] {
         let device = DeviceDefinition::load("kim-2003").expect("built in");
-        let hand = HandProgram::default();
+        // Lightly, so that a wall as soft as this is entered by a few millimetres.
+        let hand = HandProgram::PressAndSlide(SlideProgram { press_N: 3.0, ..Default::default() });
         let wall = device.demo_wall(hand);
+        // Two corners that touch together are twice as stiff as one.
+        let stiffness_N_per_m = 0.5 * wall.stiffness_N_per_m;
         let lean_rad = side * LEAN_RAD;
         let touch = Touch {
             // Through the corner that it will meet, where the hand slides along.
             wall_m: Vector3::new(wall.x_m, device.start_m[1] + side * 0.01, 0.0),
             normal: Vector3::new(-lean_rad.cos(), -lean_rad.sin(), 0.0),
-            stiffness_N_per_m: wall.stiffness_N_per_m,
+            stiffness_N_per_m,
         };
-        let material =
-            Material { stiffness_N_per_m: wall.stiffness_N_per_m, ..Material::default() };
+        let material = Material { stiffness_N_per_m, ..Material::default() };
         let shape = Shape::HalfSpace { point_W_m: touch.wall_m, normal_W: touch.normal };
         let surface = Surface { shape, material, hollow: false, blend_s: 0.0 };
         let item = SceneItem { slot: 0, revision: 1, element: Element::Surface(surface) };
@@ -80,8 +82,9 @@ fn a_box_pushed_by_its_corner_is_felt_as_a_moment_and_turns() {
             }
             let posture = plan.mechanism.posture_at(&report.p_BH).expect("regular");
             let given = posture.reference * report.commanded_Nm;
-            assert!((given - expected).xy().norm() < 0.02, "tick {number}: {given} {expected}");
-            assert!((given.z - expected.z).abs() < 1e-3, "tick {number}: {given} {expected}");
+            // The motors have steps.
+            assert!((given - expected).xy().norm() < 0.05, "tick {number}: {given} {expected}");
+            assert!((given.z - expected.z).abs() < 4e-3, "tick {number}: {given} {expected}");
             assert!((report.requested.moment_Nm.z - expected.z).abs() < 1e-3);
             by_one_corner += usize::from(pushed == 1);
             if expected.z.abs() > most_Nm.abs() {
@@ -94,7 +97,7 @@ fn a_box_pushed_by_its_corner_is_felt_as_a_moment_and_turns() {
         }
         assert!(by_one_corner > 100, "{by_one_corner}");
         // The corner on the leaning side is pushed back: the box turns to lie flat.
-        assert!(side * most_Nm > 0.01, "side {side}: {most_Nm} N m");
+        assert!(side * most_Nm > 0.003, "side {side}: {most_Nm} N m");
         assert!(side * most_rad > 0.01 && most_rad.abs() < 0.6, "side {side}: {most_rad} rad");
     }
 }

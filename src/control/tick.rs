@@ -272,8 +272,10 @@ fn desire(
         }
     }
     let controller = if live { setpoint.soft(tool) } else { Wrench::default() };
+    let plan = input.plan;
     let asking =
-        Asking { tool, estimate, plan: input.plan, capability, controller, controller_cap_N };
+        Asking { tool, estimate, plan, capability, controller, controller_cap_N, held: 1.0 };
+    let asking = Asking { held: asking.held_share(&desired), ..asking };
     let mut request = Request::from_desired(&desired, &asking);
     let last_N = state.before.total_N;
     let asked = Asked { last_N, now_N: request.total_N(&asking), guards };

@@ -189,6 +189,7 @@ fn box_rig(element: impl Fn(&Mount) -> Element) -> Rig {
         resolution_Nm: ActuatorVector::zeros(),
         weight: ActuatorVector::repeat(1.0),
         hysteresis_Nm: ActuatorVector::zeros(),
+        damping_N_m_s_per_rad: ActuatorVector::repeat(1e6),
     };
     plan.mount = Mount {
         p_WB_m: Vector3::new(0.1, 0.2, 0.3),

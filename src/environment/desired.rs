@@ -8,6 +8,7 @@
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
+use super::friction::bristle_N_per_m;
 use super::{Element, Material, SceneItem, Surface, SurfaceState, Tool, ToolPoint, Touch, Touches};
 
 /// Most walls that a law considers at once.
@@ -38,6 +39,12 @@ pub struct Constraint {
     pub demand_N: f64,
     /// Most that its friction can give per normal force.
     pub most_friction: f64,
+    /// Force per depth, N/m.
+    pub stiffness_N_per_m: f64,
+    /// Force per speed of approach, N s/m.
+    pub damping_Ns_per_m: f64,
+    /// Force per way along it while its friction sticks, N/m; 0 without friction.
+    pub bristle_N_per_m: f64,
     /// From T to where it is touched, metres in W.
     pub arm_W_m: Vector3<f64>,
     /// Which of the tool's points.
@@ -139,7 +146,10 @@ impl Desired {
             self.keep_strongest(Constraint {
                 touch: *touch,
                 demand_N: material.demand_N(*depth_m, normal_W, &asked.at.v_W_m_per_s),
-                most_friction: material.static_friction.max(material.kinetic_friction),
+                most_friction: material.most_friction(),
+                stiffness_N_per_m: material.stiffness_N_per_m,
+                damping_Ns_per_m: material.damping_Ns_per_m,
+                bristle_N_per_m: bristle_N_per_m(material),
                 arm_W_m: asked.at.arm_W_m,
                 point: asked.point,
                 source: asked.source,

@@ -19,6 +19,12 @@ use super::Material;
 /// (Colgate): at 1 kHz 2.5 N s/m for this one, which a hand that holds a handle has by itself.
 const MAX_BRISTLE_N_PER_M: f64 = 5_000.0;
 
+/// Stiffness of a material's bristle; 0 where nothing rubs, and never less than a number.
+pub(super) fn bristle_N_per_m(material: &Material) -> f64 {
+    let rubs = material.most_friction() > 0.0;
+    if rubs { material.stiffness_N_per_m.min(MAX_BRISTLE_N_PER_M) } else { 0.0 }
+}
+
 /// What a surface remembers of its friction.
 #[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct Bristle {
@@ -46,10 +52,9 @@ impl Bristle {
         tick_s: f64,
     ) -> Pull {
         let load_N = std::mem::take(&mut self.load_N);
-        let slips_at = material.static_friction.max(material.kinetic_friction);
-        let stiffness_N_per_m = material.stiffness_N_per_m.min(MAX_BRISTLE_N_PER_M);
-        // Written so that what is not a number means no friction.
-        if !(slips_at > 0.0 && stiffness_N_per_m > 0.0) {
+        let slips_at = material.most_friction();
+        let stiffness_N_per_m = bristle_N_per_m(material);
+        if stiffness_N_per_m <= 0.0 {
             *self = Self::default();
             return Pull::default();
         }

@@ -27,6 +27,11 @@ impl Material {
         Self { static_friction: coefficient, kinetic_friction: coefficient, ..self }
     }
 
+    /// The coefficient that its friction can reach.
+    pub fn most_friction(&self) -> f64 {
+        self.static_friction.max(self.kinetic_friction)
+    }
+
     /// Normal force asked for at a depth and velocity of the tool, newtons, never negative
     /// and always a number.
     pub fn demand_N(

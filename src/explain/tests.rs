@@ -92,6 +92,7 @@ fn each_way_has_its_first_reason() {
         (with(Limit::Force), one(), Reason::ForceLimit),
         (with(Limit::Force), range, Reason::DeviceRange),
         (with(Limit::Torque), one(), Reason::TorqueLimit),
+        (with(Limit::Stiffness), one(), Reason::Softened),
         (with(Limit::Activation), one(), Reason::Activation),
         (with(Limit::Slew), one(), Reason::Slew),
         (with(Limit::Constraints), one(), Reason::TooManyContacts),

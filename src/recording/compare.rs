@@ -271,8 +271,8 @@ fn plant_of(step: &Step) -> Result<Plant, KinematicsError> {
         lag_s: plan.actuators.lag_s,
         residual_Nm: device.residual_Nm,
         imperfections: device.imperfections,
-        damping_N_m_s_per_rad: device.damping_N_m_s_per_rad,
-        resolution_Nm: device.actuators.resolution_Nm,
+        damping_N_m_s_per_rad: plan.actuators.damping_N_m_s_per_rad,
+        resolution_Nm: plan.actuators.resolution_Nm,
     };
     Plant::new(parameters, &step.p_BH)
 }

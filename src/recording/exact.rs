@@ -122,6 +122,7 @@ fn check_actuators(actuators: &Actuators, count: usize) -> Result<(), FieldError
         resolution_Nm,
         weight,
         hysteresis_Nm,
+        damping_N_m_s_per_rad,
     } = actuators;
     for i in 0..count {
         let field = |name: &str| format!("actuators[{i}].{name}");
@@ -132,6 +133,8 @@ fn check_actuators(actuators: &Actuators, count: usize) -> Result<(), FieldError
         units::WEIGHT.check(&field("weight"), weight[i])?;
         let share = hysteresis_Nm[i] / max_torque_Nm[i];
         units::HYSTERESIS.check(&field("hysteresis"), share)?;
+        let drag = damping_N_m_s_per_rad[i];
+        units::SHAFT_DAMPING.check(&field("damping_N_m_s_per_rad"), drag)?;
     }
     for i in count..MAX_ACTUATORS {
         let beyond = [
@@ -141,8 +144,9 @@ fn check_actuators(actuators: &Actuators, count: usize) -> Result<(), FieldError
             resolution_Nm[i],
             weight[i],
             hysteresis_Nm[i],
+            damping_N_m_s_per_rad[i],
         ];
-        if beyond != [0.0, 1.0, 0.0, 0.0, 1.0, 0.0] {
+        if beyond != [0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0] {
             let field = format!("actuators[{i}]");
             let allowed = format!("the device has {count} actuators");
             return Err(FieldError::new(field, format!("{beyond:?}"), allowed));

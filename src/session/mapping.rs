@@ -81,6 +81,7 @@ impl From<Limit> for proto::Limit {
             Limit::Constraints => Self::Constraints,
             Limit::Clutch => Self::Clutch,
             Limit::Activation => Self::Activation,
+            Limit::Stiffness => Self::Stiffness,
         }
     }
 }

@@ -148,6 +148,7 @@ impl From<Reason> for proto::Reason {
             Reason::ForceLimit => Self::ForceLimit,
             Reason::DeviceRange => Self::DeviceRange,
             Reason::TorqueLimit => Self::TorqueLimit,
+            Reason::Softened => Self::Softened,
             Reason::Activation => Self::Activation,
             Reason::Slew => Self::Slew,
             Reason::TooManyContacts => Self::TooManyContacts,
