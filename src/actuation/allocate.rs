@@ -2,7 +2,8 @@
 //!
 //! `auto` holds walls by a wall law and gives the rest to the optimal allocation in the bounds
 //! that are left. Stiff walls on brakes are held by `sliding`, soft walls and three freedoms by
-//! `predicted-velocity`; motors need no wall law. `sliding` by name takes soft walls too. The
+//! `predicted-velocity`; motors need no wall law. `sliding` by name takes soft walls too. Beside
+//! a stiff wall that is slid on a soft one is a soft force. The
 //! other strategies run always. Where all actuators are motors, torques come in the steps that
 //! these have. A further law is one file and one line in [`allocate`].
 
@@ -11,6 +12,7 @@ use super::{
     Strategy, WallDemand, classify, coercive, in_steps, nearest_reference, optimal_weighted,
     path_following, predicted_velocity,
 };
+use crate::environment::MAX_CONSTRAINTS;
 use crate::notation::{ActuatorVector, PlaneVector};
 
 /// From here on a wall is stiff: 10 N, a firm press, go 0.1 mm deep.
@@ -61,7 +63,7 @@ pub fn allocate(
     let total = wanted.total();
     let may_slide = matches!(strategy, Strategy::Auto | Strategy::Sliding);
     let slid = if may_slide {
-        slide(strategy, capability, handle, wanted.walls, shafts, state)
+        slide(strategy, capability, handle, wanted, shafts, state)
     } else {
         state.reset();
         None
@@ -75,8 +77,12 @@ pub fn allocate(
         Strategy::Auto | Strategy::Sliding => Strategy::Optimal,
         named => named,
     };
+    let mut soft = wanted.soft;
     let held = match law {
-        Strategy::Sliding => slid,
+        Strategy::Sliding => slid.map(|(held, left)| {
+            soft = left;
+            held
+        }),
         Strategy::PredictedVelocity => Some(predicted_velocity(capability, handle, wanted.walls)),
         Strategy::PathFollowing => Some(path_following(capability, handle, wanted.walls)),
         Strategy::Coercive => {
@@ -88,7 +94,7 @@ pub fn allocate(
         _ => None,
     };
     let given = match held {
-        Some(held) => with_rest(capability, &held, &wanted.soft, &total, shafts.weight),
+        Some(held) => with_rest(capability, &held, &soft, &total, shafts.weight),
         None => without_walls(law, capability, handle, &total, shafts.weight),
     };
     let Allocation { mut torque_Nm, wrench } = stepped(capability, given, shafts);
@@ -143,27 +149,42 @@ fn asks(wall: &WallDemand) -> bool {
 }
 
 /// The `sliding` law on the walls that there are, where it can hold them: brakes, two freedoms,
-/// and for `auto` a stiff wall. A wall that was stiff when it was met stays so until it goes.
+/// and for `auto` a stiff wall; and the soft force that it leaves to others. A wall that was
+/// stiff when it was met stays so until it goes.
 fn slide(
     strategy: Strategy,
     capability: &Capability,
     handle: &Handle,
-    walls: &[WallDemand],
+    wanted: &Wanted,
     shafts: &Shafts,
     state: &mut LawState,
-) -> Option<Allocation> {
+) -> Option<(Allocation, PlaneVector)> {
     if capability.freedoms != 2 || !capability.is_passive() {
         state.reset();
         return None;
     }
     state.observe(capability, handle, shafts);
-    let mut asking = walls.iter().filter(|wall| asks(wall)).peekable();
-    let known = strategy == Strategy::Sliding || state.is_touching() || asking.peek().is_none();
-    if !known && !asking.any(|wall| is_stiff(capability, wall)) {
+    let stiff = |wall: &WallDemand| asks(wall) && is_stiff(capability, wall);
+    let any_stiff = wanted.walls.iter().any(stiff);
+    let named = strategy == Strategy::Sliding;
+    if !any_stiff && !named && !state.is_touching() && wanted.walls.iter().any(asks) {
         state.leave_wall();
         return None;
     }
-    state.hold(capability, handle, walls)
+    let (mut walls, mut count) = ([WallDemand::default(); MAX_CONSTRAINTS], 0);
+    let mut soft = wanted.soft;
+    for wall in wanted.walls.iter().filter(|wall| asks(wall)) {
+        let is_held = stiff(wall) || state.holds(handle, wall).unwrap_or(named && !any_stiff);
+        if is_held && count < MAX_CONSTRAINTS {
+            walls[count] = *wall;
+            count += 1;
+        } else {
+            soft += wall.normal * wall.force_N;
+        }
+    }
+    let held = state.hold(capability, handle, shafts, &Wanted { soft, walls: &walls[..count] })?;
+    let given = held.torque_Nm.amax() > 0.0;
+    Some((held, if given { PlaneVector::zeros() } else { soft }))
 }
 
 /// Stiff: a hand's press goes no deeper than the layer in which the law works, or the wall

@@ -14,8 +14,13 @@
 //!    handle that rests: the belief creeps towards sliding, which lessens one capacity after the
 //!    other, and is put right by the first microns of slip. The brakes never let go for that;
 //! 5. where no brake holds on one side sticking cannot be avoided, and all are locked;
-//! 6. commands run ahead of the brakes' lag and through their hysteresis, within what the
-//!    brakes can do.
+//! 6. brakes that still hold what they should not are made up for, and others lend what is
+//!    missing in an impact ([`reach`]); commands run ahead of the brakes' lag and through their
+//!    hysteresis, within what the brakes can do.
+//!
+//! A soft force against the way along the wall is given by the same brakes: they drag by it, or
+//! by the least that holds the wall where that is more. What is soft across the wall is not given
+//! while the wall is pressed: the press is carried anyway, and brakes push nobody off.
 //!
 //! The handle comes to rest about [`LAYER_M`] inside the wall, so that whoever streams the
 //! wall sees a contact. A handle that leaves it by a little is still held, until it is found
@@ -27,6 +32,7 @@
 
 mod contacts;
 mod observer;
+mod reach;
 mod shares;
 mod sides;
 
@@ -35,15 +41,19 @@ mod tests;
 
 use contacts::{Contact, Contacts};
 use observer::{Body, Observer, sensed};
+use reach::Reach;
 use serde::{Deserialize, Serialize};
 use shares::Shares;
 use sides::{Sides, most_Nm, tangent_of};
 
-use super::{Allocation, Capability, Handle, WallDemand};
+use super::{Allocation, Capability, Handle, WallDemand, Wanted};
 use crate::notation::{ActuatorVector, PlaneVector};
 
 /// Depth at which the wall carries the press alone.
 const LAYER_M: f64 = 1e-4;
+
+/// The layer's bandwidth is at most this share of the observer's: coarse encoders slow both.
+const LAYER_SHARE: f64 = 0.36;
 
 /// An impact is stopped within this depth, as far as the brakes can: the deceleration is
 /// constant then, where the layer alone would let a fast handle through to its own depth.
@@ -52,11 +62,6 @@ const STOP_M: f64 = 3e-4;
 /// At rest two brakes hold more than the hand needs by this part of the smaller one's share:
 /// less, and a hand that begins to pull makes the handle slip before the law knows.
 const TENSION: f64 = 0.5;
-
-/// Time in which one brake takes over from another, and the least in lags of the brakes: what
-/// lets go must not leave before the other has come. Longer costs the hand, shorter is felt.
-const BLEND_S: f64 = 0.08;
-const BLEND_LAGS: f64 = 4.0;
 
 /// Slower than the first is rest along the wall, faster than the second is sliding.
 const REST_M_PER_S: f64 = 1e-3;
@@ -88,6 +93,12 @@ const STRONGEST_N: f64 = 60.0;
 /// A handle that slips at rest is pushed harder than believed: share of the observer's
 /// bandwidth squared that turns slip into push. Beyond 1 it rings.
 const SLIP_GAIN: f64 = 0.5;
+
+/// Without a sensor: a brake that holds at least this and turns with less than this share of the
+/// handle's speed sticks; what is believed along its ray is forgotten with this time constant.
+const STUCK_N: f64 = 2.0;
+const STUCK_SHARE: f64 = 0.2;
+const STUCK_S: f64 = 0.03;
 
 /// What a law has to know of the shafts besides what they can do now.
 #[derive(Clone, Copy, Debug)]
@@ -137,9 +148,9 @@ struct Gains {
 
 const WITH_SENSOR: Gains = Gains {
     layer_per_s: 100.0,
-    damping_ratio: 1.2,
+    damping_ratio: 1.0,
     observer_per_s: 300.0,
-    count_m_per_s2: 0.6,
+    count_m_per_s2: 0.3,
     reach_s: 4e-3,
 };
 
@@ -172,7 +183,6 @@ impl Gains {
 pub struct LawState {
     observer: Observer,
     bandwidth_per_s: f64,
-    blend_s: f64,
     touching: Option<Touching>,
 }
 
@@ -189,14 +199,6 @@ struct Touching {
     shares: Shares,
 }
 
-/// How time passes for the law.
-#[derive(Clone, Copy, Debug)]
-struct Times {
-    tick_s: f64,
-    /// In which one brake takes over from another.
-    blend_s: f64,
-}
-
 /// What the hand does to the wall.
 #[derive(Clone, Copy, Debug)]
 struct Press {
@@ -209,6 +211,8 @@ struct Press {
     force_N: f64,
     /// What the hand pulls along the tangent.
     along_N: f64,
+    /// The soft force along the tangent: brakes give it where it is against the way.
+    soft_N: f64,
     speed_m_per_s: f64,
 }
 
@@ -223,6 +227,13 @@ impl LawState {
         self.touching.is_some()
     }
 
+    /// True where the law holds a wall with this normal there, false where that is another one,
+    /// further off; `None`: it holds none with this normal.
+    pub fn holds(&self, handle: &Handle, wall: &WallDemand) -> Option<bool> {
+        let mut known = self.touching.iter().flat_map(|touching| touching.contacts.iter());
+        known.find_map(|contact| contact.is_there(&handle.position, &wall.normal, wall.depth_m))
+    }
+
     /// Forgets the wall, not the handle.
     pub fn leave_wall(&mut self) {
         self.touching = None;
@@ -232,24 +243,25 @@ impl LawState {
     pub fn observe(&mut self, capability: &Capability, handle: &Handle, shafts: &Shafts) {
         let Some(body) = Body::of(capability, &handle.inertia) else { return self.reset() };
         self.bandwidth_per_s = Gains::of(handle).bandwidth_per_s(&body, shafts, handle.tick_s);
-        self.blend_s = BLEND_S.max(BLEND_LAGS * shafts.lag_s.max());
         self.observer.follow(&body, handle, shafts, self.bandwidth_per_s);
         if !self.observer.is_usable() {
             self.reset();
         }
     }
 
-    /// Torques that hold the walls, as they ought to be reached; `None`: there is none.
+    /// Torques that hold the walls and drag as the soft force asks, as they ought to be reached;
+    /// nothing where no wall is pressed. `None`: there is none.
     pub fn hold(
         &mut self,
         capability: &Capability,
         handle: &Handle,
-        walls: &[WallDemand],
+        shafts: &Shafts,
+        wanted: &Wanted,
     ) -> Option<Allocation> {
         let body = Body::of(capability, &handle.inertia).filter(|_| self.observer.is_usable())?;
-        let mut touching = self.touched(handle, walls);
+        let mut touching = self.touched(handle, wanted.walls);
         self.touching = None;
-        let press = Press::of(&touching.contacts, &self.observer, &body, handle)?;
+        let press = Press::of(&touching.contacts, self, &body, handle, &wanted.soft)?;
         let sides = Sides::of(capability, &body, &press.normal, press.force_N);
         touching.travelled_m += press.speed_m_per_s * handle.tick_s;
         if press.corner {
@@ -263,11 +275,19 @@ impl LawState {
             return Some(capability.allocation(ActuatorVector::zeros()));
         }
         let tension = if handle.hand_force.is_some() { TENSION } else { 0.0 };
-        let times = Times { tick_s: handle.tick_s, blend_s: self.blend_s };
-        let capacity_per_N = touching.capacity_per_N(&sides, &press, tension, &times);
+        let mut capacity_Nm =
+            touching.capacity_per_N(&sides, &press, tension, handle.tick_s) * press.force_N;
+        let way = touching.way;
+        let Observer { velocity, reached_Nm, .. } = self.observer;
+        let reach = Reach::of(capability, &reached_Nm, shafts.lag_s, Gains::of(handle).reach_s);
+        reach.make_up(&mut capacity_Nm, &sides, way, press.speed_m_per_s);
+        if handle.hand_force.is_some() {
+            // Without a sensor what sticks for it leaves a wrong belief behind.
+            reach.lend(&mut capacity_Nm, &sides, &body, &press.normal, &velocity);
+        }
         self.doubt(&body, handle, &sides, &press);
         let torque_Nm = ActuatorVector::from_fn(|i, _| {
-            let capacity_Nm = (capacity_per_N[i] * press.force_N).min(most_Nm(capability, i));
+            let capacity_Nm = capacity_Nm[i].min(most_Nm(capability, i));
             if sides.grip[i] < 0.0 { -capacity_Nm } else { capacity_Nm }
         });
         Some(capability.allocation(torque_Nm))
@@ -318,17 +338,17 @@ impl LawState {
     /// Corrects the belief about a push that cannot be observed, because the handle rests.
     fn doubt(&mut self, body: &Body, handle: &Handle, sides: &Sides, press: &Press) {
         let Some(touching) = self.touching.as_ref() else { return };
-        let elapsed_s = handle.tick_s * touching.rest;
+        let (elapsed_s, way) = (handle.tick_s * touching.rest, touching.way);
         if handle.hand_force.is_some() {
             self.observer.push *= 1.0 - (elapsed_s / FORGET_S).min(1.0);
             return;
         }
+        self.doubt_stuck(body, handle.tick_s, press);
         let slip = SLIP_GAIN * self.bandwidth_per_s.powi(2) * elapsed_s;
         self.observer.push += self.observer.velocity * slip;
-        let way = touching.way;
         let creep_N = match (sides.least(way), sides.least(-way)) {
             (Some((_, ahead)), Some((_, behind))) => {
-                let begins_N = CREEP_BEYOND * ahead * press.force_N;
+                let begins_N = (ahead * press.force_N).max(-way * press.soft_N) * CREEP_BEYOND;
                 let left_N = (begins_N - way * press.along_N).max(0.0);
                 let creep_N = CREEP_N_PER_S.max(2.0 * begins_N / CREEP_S) * elapsed_s;
                 // What slips while one brake sticks moves across that brake's ray, and is put
@@ -345,12 +365,44 @@ impl LawState {
     }
 }
 
+impl LawState {
+    /// A handle that moves out of the wall round a brake that does not turn is pushed in less
+    /// than believed: along that brake's ray nothing is observed.
+    fn doubt_stuck(&mut self, body: &Body, tick_s: f64, press: &Press) {
+        let velocity = self.observer.velocity;
+        let speed_m_per_s = velocity.norm();
+        if speed_m_per_s < SLIDE_M_PER_S {
+            return;
+        }
+        let out = velocity.dot(&press.normal) / speed_m_per_s;
+        let leaves = (out / STUCK_SHARE).clamp(0.0, 1.0);
+        for (ray, reached_Nm) in body.reference.column_iter().zip(&self.observer.reached_Nm) {
+            let length = ray.norm();
+            if reached_Nm * length < STUCK_N {
+                continue;
+            }
+            let along = ray / length;
+            let turns = along.dot(&velocity).abs() / speed_m_per_s;
+            let stuck = leaves * (1.0 - turns / STUCK_SHARE).max(0.0);
+            let believed_N = body.force(&self.observer.push).dot(&along);
+            let less_N = along * (believed_N * stuck * (tick_s / STUCK_S).min(1.0));
+            self.observer.push -= body.acceleration(&less_N);
+        }
+    }
+}
+
 impl Press {
     /// `None` without a wall.
-    fn of(contacts: &Contacts, seen: &Observer, body: &Body, handle: &Handle) -> Option<Self> {
-        let gains = Gains::of(handle);
+    fn of(
+        contacts: &Contacts,
+        law: &LawState,
+        body: &Body,
+        handle: &Handle,
+        soft: &PlaneVector,
+    ) -> Option<Self> {
+        let (gains, seen) = (Gains::of(handle), &law.observer);
         let hand = sensed(handle) + body.force(&seen.push);
-        let w = gains.layer_per_s;
+        let w = gains.layer_per_s.min(LAYER_SHARE * law.bandwidth_per_s);
         let wants = |contact: &Contact| {
             let Contact { normal, most_N, .. } = contact;
             let into_m = contact.depth_m(&seen.position) - LAYER_M;
@@ -365,7 +417,8 @@ impl Press {
         let (normal, force_N, corner) = contacts.reaction(wants)?;
         let tangent = tangent_of(&normal);
         let (along_N, speed_m_per_s) = (hand.dot(&tangent), seen.velocity.dot(&tangent));
-        Some(Self { normal, tangent, corner, force_N, along_N, speed_m_per_s })
+        let soft_N = soft.dot(&tangent);
+        Some(Self { normal, tangent, corner, force_N, along_N, soft_N, speed_m_per_s })
     }
 }
 
@@ -376,11 +429,11 @@ impl Touching {
         sides: &Sides,
         press: &Press,
         tension: f64,
-        times: &Times,
+        tick_s: f64,
     ) -> ActuatorVector {
         let speed_m_per_s = press.speed_m_per_s.abs();
         let slow = (SLIDE_M_PER_S - speed_m_per_s) / (SLIDE_M_PER_S - REST_M_PER_S);
-        let step = times.tick_s / REST_S;
+        let step = tick_s / REST_S;
         self.rest += (slow.clamp(0.0, 1.0) - self.rest).clamp(-step, step);
         let towards = if self.rest >= 1.0 { press.along_N } else { press.speed_m_per_s };
         if towards * self.way < 0.0 {
@@ -391,12 +444,12 @@ impl Touching {
         if self.rest >= 1.0 {
             self.shares.begin(sides, self.way);
         }
-        let along = press.along_N / press.force_N;
-        let holding = sides.holding(along, tension);
-        let sliding = self
-            .shares
-            .advance(sides, self.way, speed_m_per_s, times)
-            .map_or_else(|| sides.locked(along), |shares| sides.shared(&shares));
+        let (along, soft) = (press.along_N / press.force_N, press.soft_N / press.force_N);
+        let holding = sides.holding(along, tension).sup(&sides.braced(soft));
+        let sliding = self.shares.advance(sides, self.way, speed_m_per_s, tick_s).map_or_else(
+            || sides.locked(along),
+            |shares| sides.dragging(&shares, self.way, -self.way * soft),
+        );
         holding * self.rest + sliding * (1.0 - self.rest)
     }
 }

@@ -8,23 +8,29 @@
 //! A researcher's own law ([`OwnLaw`]) sits where the built-in one sits: it sees what the tick
 //! sensed, and its capacities go to the brakes instead.
 
+pub mod beside;
 pub mod course;
+pub mod fit;
 pub mod hand;
+pub mod impact;
 pub mod perfect;
 mod watch;
 
 #[cfg(test)]
 mod tests;
 
+pub use beside::Beside;
 pub use course::{Course, CourseKind};
+pub use fit::NoRoom;
 pub use hand::{Flesh, HandSettings};
+pub use impact::{Impact, least_depth_m};
 pub use perfect::{Perfect, perfect};
 pub use watch::{Figures, Moment};
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::actuation::{Strategy, WallDemand};
+use crate::actuation::{ActuatorKind, Strategy, WallDemand};
 use crate::config::{ConfigError, DeviceDefinition, Scene, build_plan};
 use crate::control::{
     ActuatorCommand, ControlState, Decision, Mode, Plan, Setpoint, TickInput, tick,
@@ -51,6 +57,8 @@ pub struct Experiment {
     pub strategy: Strategy,
     /// The scene and the path.
     pub course: CourseKind,
+    /// What there is beside its walls.
+    pub beside: Beside,
     /// What the hand does.
     pub hand: HandSettings,
     /// Stiffness of the walls.
@@ -71,6 +79,7 @@ impl Default for Experiment {
             device: "cho-2005".to_owned(),
             strategy: Strategy::Sliding,
             course: CourseKind::Straight,
+            beside: Beside::Nothing,
             hand: HandSettings::default(),
             stiffness_N_per_m: 1e7,
             lag_s: None,
@@ -91,8 +100,11 @@ pub enum ExperimentError {
     #[error("the handle cannot begin there: {0}")]
     Start(#[from] KinematicsError),
     /// The courses are for brakes in the plane.
-    #[error("device {name}: wall following needs a device of two freedoms")]
-    Freedoms { name: String },
+    #[error("device {name}: wall following needs brakes alone and two freedoms")]
+    NotBraked { name: String },
+    /// The course does not fit.
+    #[error(transparent)]
+    NoRoom(#[from] NoRoom),
     /// The researcher's own law failed.
     #[error("the law: {0}")]
     Law(String),
@@ -144,9 +156,7 @@ pub fn run_with(
     mut watcher: impl FnMut(&Moment),
 ) -> Result<Figures, ExperimentError> {
     let mut definition = DeviceDefinition::load(&experiment.device)?;
-    if definition.mechanism.freedoms() != 2 {
-        return Err(ExperimentError::Freedoms { name: definition.name.to_string() });
-    }
+    check(&definition)?;
     if let Some(lag_s) = experiment.lag_s {
         definition.actuators.lag_s = ActuatorVector::repeat(lag_s);
     }
@@ -157,11 +167,10 @@ pub fn run_with(
     if !experiment.sensor {
         definition.force_sensor = None;
     }
-    let reach_m = definition.mechanism.reach_m().1;
-    let course = Course::new(experiment.course, experiment.stiffness_N_per_m, reach_m);
+    let course = course_of(experiment, &definition)?;
     let mut device = begin(experiment, &definition, &course)?;
     let mut plan = build_plan(&definition, &Scene::default());
-    let items = course.elements.iter().cloned().zip(0..);
+    let items = course.elements.iter().chain(&course.beside).cloned().zip(0..);
     plan.scene = items.map(|(element, slot)| SceneItem { slot, revision: 1, element }).collect();
     let mut state = ControlState::new(Mode::Enabled);
     let mut watch = Watch::default();
@@ -189,6 +198,28 @@ pub fn run_with(
         let _ = device.write(&decision.commands);
     }
     Ok(watch.figures(&course, plan.tick_s()))
+}
+
+/// Refuses a device that the courses are not for.
+pub fn check(definition: &DeviceDefinition) -> Result<(), ExperimentError> {
+    let mechanism = definition.mechanism.as_ref();
+    let kinds = &definition.actuators.kinds[..mechanism.actuators()];
+    let braked = kinds.iter().all(|kind| *kind == ActuatorKind::Brake);
+    if mechanism.freedoms() == 2 && braked {
+        Ok(())
+    } else {
+        Err(ExperimentError::NotBraked { name: definition.name.to_string() })
+    }
+}
+
+/// The course where the device has room for it, with what is beside its walls.
+pub fn course_of(
+    experiment: &Experiment,
+    definition: &DeviceDefinition,
+) -> Result<Course, ExperimentError> {
+    let Experiment { course, stiffness_N_per_m, beside, .. } = experiment;
+    let mechanism = definition.mechanism.as_ref();
+    Ok(Course::on(*course, *stiffness_N_per_m, mechanism)?.with(beside))
 }
 
 /// The device with the hand at the beginning of the course.

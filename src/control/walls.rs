@@ -13,6 +13,9 @@ use crate::notation::PlaneVector;
 /// share of the device's length. A hundred newtons then miss by a tenth of one.
 const COINCIDENT: f64 = 1e-3;
 
+/// A touch that is stiffer by this factor is clearly stiffer.
+const CLEARLY: f64 = 3.0;
+
 /// The walls of one tick, as they are put together.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Walls {
@@ -29,8 +32,11 @@ pub(super) struct Wall {
     wrench: PlaneVector,
     /// Sum of the forces asked for, newtons.
     pub asked_N: f64,
-    /// Deepest of its touches, metres.
+    /// Depth of its stiffest touch, of those about as stiff the deepest, metres: padding before
+    /// a wall is not where the wall is.
     depth_m: f64,
+    /// Of that touch, N/m.
+    stiffness_N_per_m: f64,
     /// Force along it after clipping, newtons; 0 for a wall that found no room.
     pub force_N: f64,
 }
@@ -58,7 +64,12 @@ impl Walls {
         let wall = &mut self.walls[place];
         wall.wrench += direction * force_N;
         wall.asked_N += force_N;
-        wall.depth_m = wall.depth_m.max(depth_m);
+        let stiffness_N_per_m = force_N / depth_m.max(f64::MIN_POSITIVE);
+        if stiffness_N_per_m > CLEARLY * wall.stiffness_N_per_m {
+            (wall.depth_m, wall.stiffness_N_per_m) = (depth_m, stiffness_N_per_m);
+        } else if CLEARLY * stiffness_N_per_m > wall.stiffness_N_per_m {
+            wall.depth_m = wall.depth_m.max(depth_m);
+        }
         place
     }
 
@@ -98,6 +109,22 @@ impl Walls {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_depth_is_that_of_the_stiff_touch_behind_padding() {
+        for stiff_first in [true, false] {
+            let mut walls = Walls::default();
+            let mut touches = [(10.0, 1e-6), (10.0, 5e-3)];
+            if !stiff_first {
+                touches.reverse();
+            }
+            for (force_N, depth_m) in touches {
+                walls.add(&towards(0.0, 0.0), force_N, depth_m, 0.1);
+            }
+            let (demands, _, _) = clipped(&mut walls, 100.0);
+            assert_eq!((demands[0].force_N, demands[0].depth_m), (20.0, 1e-6));
+        }
+    }
 
     /// A wall that leads out at this angle, by a force on this arm.
     fn towards(angle_rad: f64, arm_m: f64) -> PlaneVector {

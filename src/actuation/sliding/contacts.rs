@@ -1,7 +1,9 @@
 //! The walls that the handle is at: one, or the two of an inner corner, and what they want.
 //!
 //! In B. Each wall is remembered as the plane that touches it where the handle is, so that a
-//! handle which leaves it by less than [`LINGER_M`] is still held there. Each wants its own
+//! handle which leaves it by less than [`LINGER_M`] is still held there; the plane rolls on along
+//! a wall that was bent so far, or a handle that has left a ball by a hair would follow the
+//! tangent until it falls back. Each wants its own
 //! layer to be kept: a force h along its normal. Two walls want it at once, and neither can
 //! pull: the reaction is `a_1 n_1 + a_2 n_2` with `a >= 0`, `n_k . reaction >= h_k`, and no
 //! more than that where `a_k > 0`: a complementarity problem of two, solved by its cases. So in
@@ -12,14 +14,21 @@
 use serde::{Deserialize, Serialize};
 
 use super::observer::Observer;
+use super::sides::tangent_of;
 use crate::actuation::{Handle, WallDemand};
 use crate::notation::PlaneVector;
 
 /// A handle this far outside is still at the wall.
 const LINGER_M: f64 = 3e-4;
 
+/// The bend of a wall is learnt over this much of the way along it.
+const LEARNT_OVER_M: f64 = 2e-3;
+
 /// Normals further apart than this (cosine) are different walls from tick to tick.
 const SAME_WALL: f64 = 0.9;
+
+/// A surface further off is that of another wall with the same normal.
+const SAME_PLACE_M: f64 = 2e-3;
 
 /// Normals closer than this (cosine) are one wall within a tick.
 const COINCIDENT: f64 = 1.0 - 1e-6;
@@ -36,6 +45,8 @@ pub struct Contact {
     pub surface_m: f64,
     /// Most that was asked of it; without a limit where the handle lingers outside.
     pub most_N: f64,
+    /// How fast the normal turns along the tangent, counter-clockwise.
+    pub bend_rad_per_m: f64,
 }
 
 impl Contact {
@@ -46,6 +57,42 @@ impl Contact {
 
     fn is_same(&self, normal: &PlaneVector) -> bool {
         self.normal.dot(normal) > SAME_WALL
+    }
+
+    /// True for a wall that pushes the same way from about the same place; `None` for one that
+    /// pushes another way.
+    pub fn is_there(
+        &self,
+        position: &PlaneVector,
+        normal: &PlaneVector,
+        depth_m: f64,
+    ) -> Option<bool> {
+        let apart_m = (self.depth_m(position) - depth_m).abs();
+        self.is_same(normal).then_some(apart_m < SAME_PLACE_M)
+    }
+
+    /// The same wall as it is asked for now, `moved_m` further along.
+    fn learn(&mut self, before: &Self, moved_m: &PlaneVector) {
+        let along_m = moved_m.dot(&tangent_of(&before.normal));
+        let turned_rad = tangent_of(&before.normal).dot(&self.normal);
+        let change = (turned_rad - before.bend_rad_per_m * along_m) / LEARNT_OVER_M;
+        self.bend_rad_per_m = before.bend_rad_per_m + change * along_m.signum();
+    }
+
+    /// The plane where the wall would be by its bend, under a handle that came `moved_m` to
+    /// `position`.
+    fn rolled(&self, position: &PlaneVector, moved_m: &PlaneVector) -> Self {
+        let along_m = moved_m.dot(&tangent_of(&self.normal));
+        let turn_rad = self.bend_rad_per_m * along_m;
+        let turned = |rad: f64| {
+            let (sin, cos) = rad.sin_cos();
+            self.normal * cos + tangent_of(&self.normal) * sin
+        };
+        let from = position - moved_m;
+        let foot = from + self.normal * self.depth_m(&from);
+        let foot = foot + tangent_of(&turned(0.5 * turn_rad)) * along_m;
+        let normal = turned(turn_rad);
+        Self { normal, surface_m: normal.dot(&foot), most_N: f64::INFINITY, ..*self }
     }
 }
 
@@ -58,6 +105,7 @@ impl Contacts {
     /// left.
     pub fn follow(&self, handle: &Handle, seen: &Observer, walls: &[WallDemand]) -> Self {
         let mut now = Self::default();
+        let moved_m = seen.velocity * handle.tick_s;
         for _ in 0..2 {
             let apart = |wall: &&WallDemand| {
                 wall.force_N > 0.0
@@ -66,14 +114,19 @@ impl Contacts {
             let deepest = walls.iter().filter(apart).max_by(|a, b| a.depth_m.total_cmp(&b.depth_m));
             let Some(WallDemand { normal, force_N, depth_m }) = deepest.copied() else { break };
             let surface_m = depth_m + normal.dot(&handle.position);
-            now.add(Contact { normal, surface_m, most_N: force_N });
+            let mut found = Contact { normal, surface_m, most_N: force_N, bend_rad_per_m: 0.0 };
+            if let Some(before) = self.iter().find(|known| known.is_same(&normal)) {
+                found.learn(before, &moved_m);
+            }
+            now.add(found);
         }
         for known in self.iter() {
             let again = now.iter().any(|contact| contact.is_same(&known.normal));
-            let felt = known.depth_m(&handle.position) > 1e-6;
-            let near = known.depth_m(&seen.position) > -LINGER_M;
+            let rolled = known.rolled(&seen.position, &moved_m);
+            let felt = rolled.depth_m(&handle.position) > 1e-6;
+            let near = rolled.depth_m(&seen.position) > -LINGER_M;
             if !again && !felt && near {
-                now.add(Contact { most_N: f64::INFINITY, ..*known });
+                now.add(rolled);
             }
         }
         now
@@ -132,7 +185,7 @@ mod tests {
 
     fn at(bearing_rad: f64) -> Contact {
         let normal = PlaneVector::new(bearing_rad.cos(), bearing_rad.sin(), 0.0);
-        Contact { normal, surface_m: 0.0, most_N: f64::INFINITY }
+        Contact { normal, surface_m: 0.0, most_N: f64::INFINITY, bend_rad_per_m: 0.0 }
     }
 
     /// Of all reactions that only push and give each wall what it wants, the least.
@@ -188,6 +241,30 @@ mod tests {
             let force = normal * force_N;
             assert!(last.is_none_or(|last| (force - last).norm() < 0.05), "{hand_rad}");
             last = Some(force);
+        }
+    }
+
+    /// Round the outside of a ball with its walls told, then on a hair outside without them: the
+    /// plane rolls on where a tangent would be 0.06 mm off.
+    #[test]
+    fn a_wall_that_is_left_by_a_hair_goes_on_bending() {
+        let (radius_m, inertia) = (0.08, crate::notation::HandleInertia::identity());
+        let (mut contacts, mut seen) = (Contacts::default(), Observer::default());
+        for tick in 0..180 {
+            let at_rad = f64::from(tick) * 1e-4 / radius_m;
+            let normal = PlaneVector::new(at_rad.cos(), at_rad.sin(), 0.0);
+            let told = tick < 150;
+            let depth_m = if told { 1e-4 } else { -1e-5 };
+            (seen.position, seen.velocity) =
+                (normal * (radius_m - depth_m), tangent_of(&normal) * 0.1);
+            let (position, velocity) = (seen.position, seen.velocity);
+            let handle = Handle { position, velocity, hand_force: None, inertia, tick_s: 1e-3 };
+            let wall = [WallDemand { normal, force_N: 10.0, depth_m }];
+            contacts = contacts.follow(&handle, &seen, if told { &wall } else { &[] });
+            let contact = contacts.iter().next().expect("held on");
+            let off_m = contact.depth_m(&seen.position) - depth_m;
+            assert!(off_m.abs() < 5e-6, "{tick}: {off_m}");
+            assert!((contact.normal - normal).norm() < 5e-3, "{tick}");
         }
     }
 

@@ -7,9 +7,11 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::Times;
 use super::sides::Sides;
 use crate::notation::ActuatorVector;
+
+/// Time in which one brake takes over from another. Longer costs the hand, shorter is felt.
+const BLEND_S: f64 = 0.08;
 
 /// The least way along the wall that it is given, for slow motion.
 const BLEND_M: f64 = 5e-4;
@@ -64,11 +66,11 @@ impl Shares {
         sides: &Sides,
         way: f64,
         speed_m_per_s: f64,
-        times: &Times,
+        tick_s: f64,
     ) -> Option<ActuatorVector> {
-        let blend_m = (times.blend_s * speed_m_per_s).max(BLEND_M);
+        let blend_m = (BLEND_S * speed_m_per_s).max(BLEND_M);
         let best = self.best(sides, way, blend_m)?;
-        let step = times.tick_s / times.blend_s;
+        let step = tick_s / BLEND_S;
         for i in 0..sides.count {
             let goal = f64::from(u8::from(i == best));
             let share = self.shares[i] + (goal - self.shares[i]).clamp(-step, step);

@@ -102,6 +102,42 @@ impl Sides {
         )
     }
 
+    /// The same where they have to drag by `drag` against sliding in `way`, if that is more than
+    /// they do: a brake that drags more takes a part, or else one that pushes in is overcome.
+    pub fn dragging(&self, shares: &ActuatorVector, way: f64, drag: f64) -> ActuatorVector {
+        let carried = self.shared(shares);
+        let own = -way * shares.dot(&self.drag);
+        if drag <= own {
+            return carried;
+        }
+        let known = (0..self.count).filter_map(|i| Some((i, self.against(i, way)?)));
+        let more = known.filter(|(_, q)| *q > drag).min_by(|a, b| a.1.total_cmp(&b.1));
+        match (more, self.least(-way)) {
+            (Some((i, q)), _) => {
+                let part = (drag - own) / (q - own);
+                carried * (1.0 - part) + self.alone(i) * part
+            }
+            (None, Some((j, q))) => {
+                let part = (drag - own) / (q + own);
+                carried * (1.0 + part) + self.alone(j) * part
+            }
+            (None, None) => carried,
+        }
+    }
+
+    /// Capacities that keep a handle at rest until the hand pulls against `soft` newtons along
+    /// the tangent for each newton of press; nothing where sliding needs more anyway.
+    pub fn braced(&self, soft: f64) -> ActuatorVector {
+        let way = -soft.signum();
+        match (self.least(way), self.least(-way)) {
+            (Some((i, q)), Some((j, back))) if soft.abs() > q => {
+                let part = (soft.abs() - q) / (q + back);
+                self.alone(i) * (1.0 + part) + self.alone(j) * part
+            }
+            _ => ActuatorVector::zeros(),
+        }
+    }
+
     /// All together, as firmly as press and pull need with a margin: nothing moves.
     pub fn locked(&self, along: f64) -> ActuatorVector {
         let firmly = LOCKED * (1.0 + along.abs());
@@ -182,6 +218,35 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// Whatever shares the brakes have, with the soft drag they give the wall its newton and the
+    /// drag that was asked for.
+    #[test]
+    fn brakes_drag_as_much_more_as_is_asked_and_hold_the_wall_all_the_same() {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let mut asked = 0;
+        for _ in 0..500 {
+            let (sides, _, _) = any(&mut rng);
+            let way = if rng.random_bool(0.5) { 1.0 } else { -1.0 };
+            let (Some((best, least)), Some(_)) = (sides.least(way), sides.least(-way)) else {
+                continue;
+            };
+            asked += 1;
+            let shares = ActuatorVector::ith(best, 1.0);
+            let drag = least + rng.random_range(-1.0..3.0);
+            let capacity = sides.dragging(&shares, way, drag);
+            // A slipping brake acts against its own rate: out of the wall where q > 0.
+            let (mut out, mut back) = (0.0, 0.0);
+            for i in 0..4 {
+                let q = -way * sides.drag[i];
+                out += capacity[i] * sides.grip[i].abs() * q.signum();
+                back += capacity[i] * sides.grip[i].abs() * q.abs();
+            }
+            assert!((out - 1.0).abs() < 1e-9, "{out}");
+            assert!((back - drag.max(least)).abs() < 1e-9, "{back} {drag} {least}");
+        }
+        assert!(asked > 300, "{asked}");
     }
 
     #[test]

@@ -2,23 +2,24 @@
 //!
 //! A [`Study`] is a grid of devices, laws, courses, lags, sensors, encoders and seeds. Each
 //! [`Row`] is one cell of it over its seeds: means of what is a mean or a time, the worst of
-//! what is a largest value. Rows come in the grid's order, whatever thread made them.
+//! what is a largest value. Rows come in the grid's order, whatever thread made them. A study that
+//! is stopped keeps what it has: rows of the seeds that were done.
 
 pub mod pictures;
 pub mod report;
 
 use std::collections::BTreeMap;
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 
 use crate::actuation::Strategy;
 use crate::analysis::wall_following::{
-    Course, CourseKind, Experiment, ExperimentError, Figures, HandSettings, OwnLaw, Perfect,
-    perfect, run_with,
+    Beside, CourseKind, Experiment, ExperimentError, Figures, HandSettings, Impact, OwnLaw,
+    Perfect, check, course_of, least_depth_m, perfect, run_with,
 };
 use crate::config::DeviceDefinition;
+use crate::notation::PlaneVector;
 
 /// A law of the table.
 #[derive(Clone, Debug, PartialEq)]
@@ -58,6 +59,8 @@ pub struct Study {
     pub seeds: Vec<u64>,
     /// The hand.
     pub hand: HandSettings,
+    /// What there is beside the walls.
+    pub beside: Beside,
     /// Of the walls.
     pub stiffness_N_per_m: f64,
 }
@@ -88,7 +91,7 @@ pub struct Row {
     pub figures: Figures,
     /// Seeds with which the hand came to the end of the course.
     pub arrived: usize,
-    /// All seeds.
+    /// All that were done: fewer than the study's where it was stopped.
     pub runs: usize,
     /// What no law of brakes can beat there.
     pub perfect: Perfect,
@@ -105,25 +108,46 @@ impl Row {
 /// Makes a fresh process, or whatever a researcher's law needs, for one run.
 pub type MakeLaw<'a> = dyn Fn(&str) -> Result<Box<dyn OwnLaw>, String> + Sync + 'a;
 
+/// What came of a study.
+#[derive(Clone, Debug)]
+pub struct Found {
+    /// In the grid's order; without the cells that were not begun.
+    pub rows: Vec<Row>,
+    /// What meeting a wall costs, whatever the law.
+    pub impacts: Vec<ImpactRow>,
+    /// Slides that were done, and that there were to do.
+    pub slides: [usize; 2],
+}
+
+/// Speeds of [`ImpactRow`], m/s.
+pub const IMPACT_SPEEDS_M_PER_S: [f64; 3] = [0.1, 0.25, 0.5];
+
+/// The least depth of a handle that meets the first wall of the study's first course.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImpactRow {
+    /// Name or file.
+    pub device: String,
+    /// Of the brakes.
+    pub lag_s: f64,
+    /// At each speed; `None`: the brakes never stop it.
+    pub least_depth_m: [Option<f64>; 3],
+}
+
+impl Found {
+    /// Nobody stopped it.
+    pub fn is_complete(&self) -> bool {
+        self.slides[0] == self.slides[1]
+    }
+}
+
 /// Why a study has no result.
 #[derive(Debug, thiserror::Error)]
-pub enum StudyError {
-    /// One of its experiments failed.
-    #[error("{cell}: {source}")]
-    Experiment {
-        /// Which.
-        cell: String,
-        /// Why.
-        source: Box<ExperimentError>,
-    },
-    /// Somebody stopped it.
-    #[error("stopped after {done} of {all} runs; nothing was written")]
-    Stopped {
-        /// Runs that were done.
-        done: usize,
-        /// Runs in all.
-        all: usize,
-    },
+#[error("{cell}: {source}")]
+pub struct StudyError {
+    /// Which of its experiments failed.
+    pub cell: String,
+    /// Why.
+    pub source: Box<ExperimentError>,
 }
 
 impl Study {
@@ -163,6 +187,7 @@ impl Study {
             strategy,
             course: cell.course,
             hand: self.hand,
+            beside: self.beside,
             stiffness_N_per_m: self.stiffness_N_per_m,
             lag_s: Some(cell.lag_s),
             counts: Some(cell.counts),
@@ -177,34 +202,36 @@ impl Study {
         make: &MakeLaw,
         done: &(dyn Fn() + Sync),
         stop: &AtomicBool,
-    ) -> Result<Vec<Row>, StudyError> {
-        let bounds = self.bounds()?;
-        let (cells, all) = (self.cells(), self.runs());
-        let finished = Mutex::new(0usize);
-        let rows = cells.par_iter().map(|cell| {
+    ) -> Result<Found, StudyError> {
+        let (bounds, impacts) = (self.bounds()?, self.impacts()?);
+        let cells = self.cells();
+        let rows = cells.par_iter().filter_map(|cell| {
             let mut found = Vec::new();
-            for &seed in &self.seeds {
-                if stop.load(Ordering::Relaxed) {
-                    let done = finished.lock().map(|done| *done).unwrap_or_default();
-                    return Err(StudyError::Stopped { done, all });
-                }
-                found.push(self.slide(cell, seed, make)?);
-                if let Ok(mut finished) = finished.lock() {
-                    *finished += 1;
+            for &seed in self.seeds.iter().take_while(|_| !stop.load(Ordering::Relaxed)) {
+                match self.slide(cell, seed, make) {
+                    Ok(figures) => found.push(figures),
+                    // A law that was stopped waiting for its answer is no failure.
+                    Err(_) if stop.load(Ordering::Relaxed) => break,
+                    Err(error) => return Some(Err(error)),
                 }
                 done();
+            }
+            if found.is_empty() {
+                return None;
             }
             let key = (cell.device.clone(), cell.course.name());
             let perfect = bounds.get(&key).copied().unwrap_or_default();
             let arrived = found.iter().filter(|figures| figures.arrived).count();
             let (figures, runs) = (over(&found), found.len());
-            Ok(Row { cell: cell.clone(), figures, arrived, runs, perfect })
+            Some(Ok(Row { cell: cell.clone(), figures, arrived, runs, perfect }))
         });
-        rows.collect()
+        let rows: Vec<Row> = rows.collect::<Result<_, _>>()?;
+        let slides = [rows.iter().map(|row| row.runs).sum(), self.runs()];
+        Ok(Found { rows, impacts, slides })
     }
 
     fn slide(&self, cell: &Cell, seed: u64, make: &MakeLaw) -> Result<Figures, StudyError> {
-        let failed = |source: ExperimentError| StudyError::Experiment {
+        let failed = |source: ExperimentError| StudyError {
             cell: cell.to_string(),
             source: Box::new(source),
         };
@@ -217,20 +244,54 @@ impl Study {
         run_with(&experiment, own, |_| ()).map_err(failed)
     }
 
+    /// How deep a handle gets into a wall that it meets, at least.
+    fn impacts(&self) -> Result<Vec<ImpactRow>, StudyError> {
+        let mut rows = Vec::new();
+        for device in &self.devices {
+            let failed = |source: ExperimentError| StudyError {
+                cell: device.clone(),
+                source: Box::new(source),
+            };
+            let definition = DeviceDefinition::load(device).map_err(|e| failed(e.into()))?;
+            let Some(&course) = self.courses.first() else { continue };
+            let experiment = Experiment { course, ..Experiment::default() };
+            let path = course_of(&experiment, &definition).map_err(failed)?;
+            let place = path.legs[0].at(0.5 * path.legs[0].length_m());
+            let flat = |v: nalgebra::Vector2<f64>| PlaneVector::new(v.x, v.y, 0.0);
+            for &lag_s in &self.lags_s {
+                let least_depth_m = IMPACT_SPEEDS_M_PER_S.map(|speed_m_per_s| {
+                    let (p_BH, normal) = (flat(place.p_m), flat(place.normal));
+                    let press_N = self.hand.press_N;
+                    let impact = Impact { p_BH, normal, speed_m_per_s, press_N };
+                    let max_Nm = &definition.actuators.max_torque_Nm;
+                    least_depth_m(definition.mechanism.as_ref(), max_Nm, lag_s, &impact)
+                });
+                rows.push(ImpactRow { device: device.clone(), lag_s, least_depth_m });
+            }
+        }
+        Ok(rows)
+    }
+
     /// The bound of every device on every course.
     fn bounds(&self) -> Result<BTreeMap<(String, &'static str), Perfect>, StudyError> {
         let mut bounds = BTreeMap::new();
         for device in &self.devices {
-            let failed = |error: crate::config::ConfigError| StudyError::Experiment {
+            let failed = |source: ExperimentError| StudyError {
                 cell: device.clone(),
-                source: Box::new(error.into()),
+                source: Box::new(source),
             };
-            let definition = DeviceDefinition::load(device).map_err(failed)?;
-            let mechanism = definition.mechanism.as_ref();
-            for &kind in &self.courses {
-                let course = Course::new(kind, self.stiffness_N_per_m, mechanism.reach_m().1);
-                let found = perfect(mechanism, &definition.residual_Nm, &course, self.hand);
-                bounds.insert((device.clone(), kind.name()), found);
+            let definition = DeviceDefinition::load(device).map_err(|e| failed(e.into()))?;
+            check(&definition).map_err(failed)?;
+            for &course in &self.courses {
+                let experiment = Experiment {
+                    course,
+                    beside: self.beside,
+                    stiffness_N_per_m: self.stiffness_N_per_m,
+                    ..Experiment::default()
+                };
+                let path = course_of(&experiment, &definition).map_err(failed)?;
+                let found = perfect(&definition, &path, self.hand);
+                bounds.insert((device.clone(), course.name()), found);
             }
         }
         Ok(bounds)
@@ -284,6 +345,7 @@ mod tests {
             counts: vec![65_536.0],
             seeds: vec![1, 2],
             hand: HandSettings::default(),
+            beside: Beside::Nothing,
             stiffness_N_per_m: 1e7,
         }
     }
@@ -299,23 +361,31 @@ mod tests {
         let count = || {
             done.fetch_add(1, Ordering::Relaxed);
         };
-        let rows = study.run(&none, &count, &AtomicBool::new(false)).unwrap();
+        let found = study.run(&none, &count, &AtomicBool::new(false)).unwrap();
+        assert!(found.is_complete());
+        let rows = &found.rows;
         assert_eq!((rows.len(), done.into_inner()), (2, 4));
         let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
         let again = one.install(|| study.run(&none, &|| (), &AtomicBool::new(false)).unwrap());
-        for (a, b) in rows.iter().zip(&again) {
+        for (a, b) in rows.iter().zip(&again.rows) {
             assert_eq!((&a.cell, a.figures), (&b.cell, b.figures));
         }
         assert!((1.0..1.2).contains(&rows[0].ratio().unwrap()), "{:?}", rows[0]);
-        let text = report::markdown(&study, &rows);
+        let text = report::markdown(&study, &found);
         assert!(text.contains("straight-45") && text.contains("| `sliding` |"), "{text}");
-        assert_eq!(report::csv(&rows).lines().count(), 3);
+        assert_eq!(report::csv(&study, rows).lines().count(), 3);
     }
 
     #[test]
     fn a_study_can_be_stopped_and_tells_what_failed() {
-        let stopped = small().run(&none, &|| (), &AtomicBool::new(true)).unwrap_err().to_string();
-        assert!(stopped.contains("of 4 runs"), "{stopped}");
+        let (study, stop) = (small(), AtomicBool::new(false));
+        let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let after_one = || stop.store(true, Ordering::Relaxed);
+        let found = one.install(|| study.run(&none, &after_one, &stop)).unwrap();
+        assert!(!found.is_complete() && found.slides == [1, 4], "{found:?}");
+        assert_eq!((found.rows.len(), found.rows[0].runs), (1, 1));
+        let text = report::markdown(&study, &found);
+        assert!(text.contains("**Incomplete**: 1 of 4 slides"), "{text}");
         let own = Study { laws: vec![Law::Own("mine".into())], ..small() };
         let failed = own.run(&none, &|| (), &AtomicBool::new(false)).unwrap_err().to_string();
         assert!(failed.contains("there is none") && failed.contains("mine"), "{failed}");

@@ -4,19 +4,20 @@
 //! elements and a list of [`Leg`]s, lines and arcs on the surface that the hand slides along,
 //! one after the other. Each leg knows, at a distance along it, its place, its tangent and the
 //! normal that leads out of the wall; its curvature is positive where the centre lies on the
-//! free side (inside a hollow circle). Places suit devices that reach from 0.2 to 0.5 m, and
-//! shrink for smaller ones. A course does not know devices, hands or laws.
+//! free side (inside a hollow circle). Places suit devices that reach from 0.2 to 0.5 m; for
+//! others a course is scaled, turned and moved as a whole ([`Placement`]). A course does not
+//! know devices, hands or laws.
 
 use std::fmt;
 use std::str::FromStr;
 
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
+use super::beside::Beside;
+use super::fit::{self, NoRoom};
 use crate::environment::{Corridor, Element, Guide, Material, Shape, Surface};
+use crate::mechanism::Mechanism;
 use crate::notation::PlaneVector;
-
-/// The furthest that a place of any course is from the origin of B, metres.
-const OUTERMOST_M: f64 = 0.5;
 
 /// Which course.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -165,15 +166,17 @@ impl Leg {
         }
     }
 
-    fn scaled(self, scale: f64) -> Self {
+    fn placed(self, placement: &Placement) -> Self {
         match self {
-            Self::Line { from_m, to_m, normal } => {
-                Self::Line { from_m: from_m * scale, to_m: to_m * scale, normal }
-            }
+            Self::Line { from_m, to_m, normal } => Self::Line {
+                from_m: placement.place(from_m),
+                to_m: placement.place(to_m),
+                normal: placement.turn(normal),
+            },
             Self::Arc { centre_m, radius_m, from_rad, sweep_rad, free_inside } => Self::Arc {
-                centre_m: centre_m * scale,
-                radius_m: radius_m * scale,
-                from_rad,
+                centre_m: placement.place(centre_m),
+                radius_m: radius_m * placement.scale,
+                from_rad: from_rad + placement.turn_rad,
                 sweep_rad,
                 free_inside,
             },
@@ -181,11 +184,38 @@ impl Leg {
     }
 }
 
+/// Where a course stands: scaled and turned about the origin of B, then moved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Placement {
+    /// Its size over that in which it is written here.
+    pub scale: f64,
+    /// Counter-clockwise.
+    pub turn_rad: f64,
+    /// By how much.
+    pub move_m: Vector2<f64>,
+}
+
+impl Placement {
+    /// As it is written.
+    pub const USUAL: Self = Self { scale: 1.0, turn_rad: 0.0, move_m: Vector2::new(0.0, 0.0) };
+
+    fn turn(&self, v: Vector2<f64>) -> Vector2<f64> {
+        let (sin, cos) = self.turn_rad.sin_cos();
+        Vector2::new(cos * v.x - sin * v.y, sin * v.x + cos * v.y)
+    }
+
+    fn place(&self, p_m: Vector2<f64>) -> Vector2<f64> {
+        self.turn(p_m) * self.scale + self.move_m
+    }
+}
+
 /// What stands in the way, and the hand's path along it.
 #[derive(Clone, Debug)]
 pub struct Course {
-    /// The scene.
+    /// The walls.
     pub elements: Vec<Element>,
+    /// What is beside them.
+    pub beside: Vec<Element>,
     /// The path.
     pub legs: Vec<Leg>,
 }
@@ -202,10 +232,32 @@ const CORRIDOR_RADIUS_M: f64 = 0.01;
 const OVER_M: f64 = 0.004;
 
 impl Course {
-    /// A course of walls as stiff as this, within the reach of a device.
-    pub fn new(kind: CourseKind, stiffness_N_per_m: f64, furthest_m: f64) -> Self {
-        let scale = (0.9 * furthest_m / OUTERMOST_M).min(1.0);
-        let build = Build { scale, stiffness_N_per_m };
+    /// A course of walls as stiff as this, where this device has room for it.
+    pub fn on(
+        kind: CourseKind,
+        stiffness_N_per_m: f64,
+        mechanism: &dyn Mechanism,
+    ) -> Result<Self, NoRoom> {
+        Ok(Self::new(kind, stiffness_N_per_m, &fit::placement(kind, mechanism)?))
+    }
+
+    /// The same with something beside the walls.
+    pub fn with(mut self, beside: &Beside) -> Self {
+        self.beside = beside.elements(&self.legs[0]);
+        self
+    }
+
+    /// The soft force of fields on a handle, in B.
+    pub fn soft_N(&self, p_m: &Vector2<f64>, v_m_per_s: &Vector2<f64>) -> Vector2<f64> {
+        let fields = self.beside.iter().filter_map(|element| {
+            element.field_at(&flat(*p_m), &flat(*v_m_per_s)).map(|[force_N, _]| force_N.xy())
+        });
+        fields.sum()
+    }
+
+    /// A course of walls as stiff as this, at its place.
+    pub fn new(kind: CourseKind, stiffness_N_per_m: f64, placement: &Placement) -> Self {
+        let build = Build { placement: *placement, stiffness_N_per_m };
         match kind {
             CourseKind::Straight => build.wall([0.3, 0.35], [0.3, -0.15]),
             CourseKind::StraightTurned => build.wall([0.2, 0.4], [0.4, 0.0535898]),
@@ -259,9 +311,9 @@ impl Course {
     }
 }
 
-/// Courses at a scale.
+/// Courses at a place.
 struct Build {
-    scale: f64,
+    placement: Placement,
     stiffness_N_per_m: f64,
 }
 
@@ -275,9 +327,9 @@ impl Build {
     }
 
     fn half_space(&self, point_m: Vector2<f64>, normal: Vector2<f64>) -> Element {
-        let shape =
-            Shape::HalfSpace { point_W_m: flat(point_m * self.scale), normal_W: flat(normal) };
-        self.surface(shape, false)
+        let point_W_m = flat(self.placement.place(point_m));
+        let normal_W = flat(self.placement.turn(normal));
+        self.surface(Shape::HalfSpace { point_W_m, normal_W }, false)
     }
 
     /// A wall on the left of the way from one place to another, free on the right.
@@ -285,8 +337,12 @@ impl Build {
         let (from_m, to_m) = (Vector2::from(from_m), Vector2::from(to_m));
         let tangent = (to_m - from_m).normalize();
         let normal = Vector2::new(tangent.y, -tangent.x);
-        let leg = Leg::Line { from_m, to_m, normal }.scaled(self.scale);
-        Course { elements: vec![self.half_space(from_m, normal)], legs: vec![leg] }
+        let leg = Leg::Line { from_m, to_m, normal }.placed(&self.placement);
+        Course {
+            elements: vec![self.half_space(from_m, normal)],
+            legs: vec![leg],
+            beside: Vec::new(),
+        }
     }
 
     fn corner(&self) -> Course {
@@ -297,7 +353,8 @@ impl Build {
         ];
         Course {
             elements: vec![self.half_space(corner_m, left), self.half_space(corner_m, up)],
-            legs: legs.map(|leg| leg.scaled(self.scale)).into(),
+            legs: legs.map(|leg| leg.placed(&self.placement)).into(),
+            beside: Vec::new(),
         }
     }
 
@@ -305,17 +362,19 @@ impl Build {
         let (edge_m, x, y) = (Vector2::from(EDGE_M), Vector2::x(), Vector2::y());
         let half_m = Vector3::new(0.2, 0.2, 0.2);
         let shape = Shape::Box {
-            centre_W_m: flat((edge_m + half_m.xy()) * self.scale),
-            q_WS: UnitQuaternion::identity(),
-            half_extents_m: half_m * self.scale,
+            centre_W_m: flat(self.placement.place(edge_m + half_m.xy())),
+            q_WS: UnitQuaternion::from_axis_angle(&Vector3::z_axis(), self.placement.turn_rad),
+            half_extents_m: half_m * self.placement.scale,
         };
+        let over_m = OVER_M / self.placement.scale;
         let legs = [
-            Leg::Line { from_m: edge_m + 0.25 * y, to_m: edge_m - OVER_M * y, normal: -x },
+            Leg::Line { from_m: edge_m + 0.25 * y, to_m: edge_m - over_m * y, normal: -x },
             Leg::Line { from_m: edge_m, to_m: edge_m + 0.12 * x, normal: -y },
         ];
         Course {
             elements: vec![self.surface(shape, false)],
-            legs: legs.map(|leg| leg.scaled(self.scale)).into(),
+            legs: legs.map(|leg| leg.placed(&self.placement)).into(),
+            beside: Vec::new(),
         }
     }
 
@@ -329,20 +388,21 @@ impl Build {
             free_inside,
         };
         let shape = Shape::Sphere {
-            centre_W_m: flat(centre_m * self.scale),
-            radius_m: radius_m * self.scale,
+            centre_W_m: flat(self.placement.place(centre_m)),
+            radius_m: radius_m * self.placement.scale,
         };
         Course {
             elements: vec![self.surface(shape, free_inside)],
-            legs: vec![arc.scaled(self.scale)],
+            legs: vec![arc.placed(&self.placement)],
+            beside: Vec::new(),
         }
     }
 
     fn corridor(&self) -> Course {
         let points = BENDS_M.map(Vector2::from);
         let corridor = Corridor::new(
-            points.map(|point| flat(point * self.scale)).into(),
-            CORRIDOR_RADIUS_M * self.scale,
+            points.map(|point| flat(self.placement.place(point))).into(),
+            CORRIDOR_RADIUS_M * self.placement.scale,
             self.material(),
             0.0,
         );
@@ -370,7 +430,8 @@ impl Build {
         }
         Course {
             elements: corridor.into_iter().map(Element::Corridor).collect(),
-            legs: legs.into_iter().map(|leg| leg.scaled(self.scale)).collect(),
+            legs: legs.into_iter().map(|leg| leg.placed(&self.placement)).collect(),
+            beside: Vec::new(),
         }
     }
 }
@@ -393,8 +454,10 @@ mod tests {
     fn every_path_lies_on_the_surface_of_its_walls() {
         for kind in CourseKind::ALL {
             assert_eq!(kind.name().parse(), Ok(kind));
-            for furthest_m in [0.6, 0.2] {
-                let course = Course::new(kind, 1e7, furthest_m);
+            let elsewhere =
+                Placement { scale: 0.3, turn_rad: 2.0, move_m: Vector2::new(0.02, -0.1) };
+            for placement in [Placement::USUAL, elsewhere] {
+                let course = Course::new(kind, 1e7, &placement);
                 for (number, leg) in course.legs.iter().enumerate() {
                     let length_m = leg.length_m();
                     for part in [0.02, 0.3, 0.77, 0.97] {
@@ -409,7 +472,8 @@ mod tests {
                         assert!((on_m - s_m).abs() < 1e-9, "{kind}: {on_m} for {s_m}");
                         let step = (leg.at(s_m + 1e-6).p_m - place.p_m) / 1e-6;
                         assert!((step - place.tangent).norm() < 1e-3, "{kind}");
-                        assert!(place.p_m.norm() < 0.9 * furthest_m.max(0.56), "{kind}");
+                        let from_m = (place.p_m - placement.move_m).norm();
+                        assert!(from_m < 0.5 * placement.scale + 0.004, "{kind}");
                     }
                 }
             }
@@ -419,7 +483,7 @@ mod tests {
     #[test]
     fn legs_follow_one_another_and_curvature_is_that_of_the_normal() {
         for kind in CourseKind::ALL.into_iter().filter(|kind| *kind != CourseKind::Edge) {
-            let course = Course::new(kind, 1e7, 0.6);
+            let course = Course::new(kind, 1e7, &Placement::USUAL);
             for pair in course.legs.windows(2) {
                 let gap = pair[0].at(pair[0].length_m()).p_m - pair[1].at(0.0).p_m;
                 assert!(gap.norm() < 1e-12, "{kind}");

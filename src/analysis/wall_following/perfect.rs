@@ -4,8 +4,11 @@
 //! that it gives the wall along the normal n it drags by `q = -(r . sigma t) / (r . n)`. Of all
 //! mixtures of slipping brakes that carry the press N the one with the least drag is a single
 //! brake: `D = N min { q_i > 0 }` (the closed form of a linear programme with one equality,
-//! derived here). Where no q is positive no brake holds the wall while the handle slides, and
-//! sticking cannot be avoided. A device whose brakes drag without being asked drags so much more.
+//! derived here); where that brake is too weak for the press, the next ones carry the rest, least
+//! drag first. Where no q is positive, or all of them together are too weak, no brakes hold the
+//! wall while the handle slides, and sticking cannot be avoided. A device whose brakes drag without being asked drags so much more.
+//! More drag than D is always possible: where a soft force asks for more than D against the hand,
+//! a perfect law gives exactly that, and where it asks for less, D.
 //!
 //! The perfect law lets the handle move on its path alone, dragged by exactly D; a hand that
 //! has first to reach D stands until it has. In B; rigid walls; motors are not considered.
@@ -15,9 +18,10 @@ use nalgebra::Vector2;
 use super::course::{Course, Leg, Place};
 use super::hand::{CourseHand, DONE, HandSettings, SLIDING, leg_of};
 use crate::analysis::smoothness::STUCK_M_PER_S;
+use crate::config::DeviceDefinition;
 use crate::device::HandPull;
-use crate::mechanism::{Mechanism, Posture};
-use crate::notation::{ActuatorVector, PlaneVector};
+use crate::mechanism::Posture;
+use crate::notation::{ActuatorVector, MAX_ACTUATORS, PlaneVector};
 
 /// Step of plant and hand, as in the simulated device.
 const STEP_S: f64 = 5e-4;
@@ -49,40 +53,52 @@ pub struct Perfect {
     pub arrived: bool,
 }
 
-/// Least drag per newton of press against sliding along `tangent`; `None`: no brake holds.
-pub fn least_drag(posture: &Posture, actuators: usize, place: &Place) -> Option<f64> {
-    let drag = |i: usize| {
+/// Least drag, newtons, against sliding along the tangent under a press; `None`: no brakes hold.
+pub fn least_drag_N(
+    posture: &Posture,
+    most_Nm: &ActuatorVector,
+    place: &Place,
+    press_N: f64,
+) -> Option<f64> {
+    let mut brakes = [(f64::INFINITY, 0.0); MAX_ACTUATORS];
+    for (i, brake) in brakes.iter_mut().enumerate() {
         let ray = Vector2::new(posture.reference[(0, i)], posture.reference[(1, i)]);
-        -ray.dot(&place.tangent) / ray.dot(&place.normal)
-    };
-    (0..actuators).map(drag).filter(|q| *q > 0.0 && *q < STEEPEST).min_by(f64::total_cmp)
+        let (along, out) = (ray.dot(&place.tangent), ray.dot(&place.normal));
+        let drag = -along / out;
+        if drag > 0.0 && drag < STEEPEST {
+            *brake = (drag, most_Nm[i] * out.abs());
+        }
+    }
+    brakes.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    let (mut left_N, mut drag_N) = (press_N, 0.0);
+    for (drag, most_N) in brakes.into_iter().take_while(|(drag, _)| drag.is_finite()) {
+        let carried_N = most_N.min(left_N);
+        (left_N, drag_N) = (left_N - carried_N, drag_N + drag * carried_N);
+        if left_N <= 0.0 {
+            return Some(drag_N);
+        }
+    }
+    None
 }
 
 /// The bound at every millimetre of a course.
-fn bounds(mechanism: &dyn Mechanism, course: &Course, press_N: f64) -> Vec<Option<f64>> {
+fn bounds(device: &DeviceDefinition, course: &Course, press_N: f64) -> Vec<Option<f64>> {
     let mut found = Vec::new();
     for leg in &course.legs {
         for k in 0..(leg.length_m() * 1e3) as usize {
             let place = leg.at(1e-3 * k as f64);
-            let drag = mechanism
-                .posture_at(&flat(place.p_m))
-                .ok()
-                .and_then(|posture| least_drag(&posture, mechanism.actuators(), &place));
-            found.push(drag.map(|q| press_N * q));
+            let posture = device.mechanism.posture_at(&flat(place.p_m)).ok();
+            let most_Nm = &device.actuators.max_torque_Nm;
+            found.push(posture.and_then(|at| least_drag_N(&at, most_Nm, &place, press_N)));
         }
     }
     found
 }
 
 /// The experiment under a perfect law.
-pub fn perfect(
-    mechanism: &dyn Mechanism,
-    residual_Nm: &ActuatorVector,
-    course: &Course,
-    settings: HandSettings,
-) -> Perfect {
+pub fn perfect(device: &DeviceDefinition, course: &Course, settings: HandSettings) -> Perfect {
     let mut hand = CourseHand::sliding(HandSettings { flesh: None, ..settings }, course);
-    let mut world = World { residual_Nm: *residual_Nm, leg: 0, s_m: 0.0, v_m_per_s: 0.0 };
+    let mut world = World { device, leg: 0, s_m: 0.0, v_m_per_s: 0.0 };
     let (mut pull_N, mut stuck) = (Vec::new(), 0u32);
     let mut arrived = false;
     for _ in 0..MAX_STEPS {
@@ -107,10 +123,11 @@ pub fn perfect(
         }
         let force_N = action.F_hand_BH_N.xy();
         pull_N.push(force_N.dot(&place.tangent).abs());
-        world.step(mechanism, &course.legs[world.leg], force_N);
+        let soft_N = course.soft_N(&place.p_m, &velocity.xy()).dot(&place.tangent);
+        world.step(&course.legs[world.leg], force_N, soft_N);
         stuck += u32::from(world.v_m_per_s.abs() < STUCK_M_PER_S);
     }
-    let bounds = bounds(mechanism, course, settings.press_N);
+    let bounds = bounds(device, course, settings.press_N);
     let known: Vec<f64> = bounds.iter().flatten().copied().collect();
     Perfect {
         slide_s: pull_N.len() as f64 * STEP_S,
@@ -133,16 +150,17 @@ fn flat(p: Vector2<f64>) -> PlaneVector {
 }
 
 /// A handle that cannot leave its path.
-struct World {
-    /// What every brake drags with, asked or not.
-    residual_Nm: ActuatorVector,
+struct World<'a> {
+    device: &'a DeviceDefinition,
     leg: usize,
     s_m: f64,
     v_m_per_s: f64,
 }
 
-impl World {
-    fn step(&mut self, mechanism: &dyn Mechanism, leg: &Leg, force_N: Vector2<f64>) {
+impl World<'_> {
+    /// One step under the hand and a soft force that is asked for along the path.
+    fn step(&mut self, leg: &Leg, force_N: Vector2<f64>, soft_N: f64) {
+        let DeviceDefinition { mechanism, actuators, residual_Nm, .. } = self.device;
         let place = leg.at(self.s_m);
         let Ok(posture) = mechanism.posture_at(&flat(place.p_m)) else { return };
         let tangent = flat(place.tangent);
@@ -156,12 +174,16 @@ impl World {
         let (mut press_N, mut drag_N) = (press_N, 0.0);
         for i in 0..mechanism.actuators() {
             let ray = Vector2::new(posture.reference[(0, i)], posture.reference[(1, i)]);
-            let reaction = -ray * (ray.dot(&way.tangent).signum() * self.residual_Nm[i]);
+            let reaction = -ray * (ray.dot(&way.tangent).signum() * residual_Nm[i]);
             press_N -= reaction.dot(&way.normal);
             drag_N -= reaction.dot(&way.tangent);
         }
-        let loss_m_per_s = match least_drag(&posture, mechanism.actuators(), &way) {
-            Some(q) => (press_N.max(0.0) * q + drag_N) * STEP_S / mass_kg,
+        let held_N = least_drag_N(&posture, &actuators.max_torque_Nm, &way, press_N.max(0.0));
+        let loss_m_per_s = match held_N {
+            Some(held_N) => {
+                let asked_N = -soft_N * free_m_per_s.signum();
+                (held_N + drag_N).max(asked_N) * STEP_S / mass_kg
+            }
             None if press_N > 0.0 => f64::INFINITY,
             None => drag_N * STEP_S / mass_kg,
         };
@@ -172,15 +194,14 @@ impl World {
 
 #[cfg(test)]
 mod tests {
-    use super::super::course::CourseKind;
+    use super::super::course::{CourseKind, Placement};
     use super::*;
-    use crate::config::DeviceDefinition;
 
     fn of(device: &str, kind: CourseKind) -> Perfect {
         let device = DeviceDefinition::load(device).unwrap();
         let mechanism = device.mechanism.as_ref();
-        let course = Course::new(kind, 1e7, mechanism.reach_m().1);
-        perfect(mechanism, &device.residual_Nm, &course, HandSettings::default())
+        let course = Course::on(kind, 1e7, mechanism).unwrap();
+        perfect(&device, &course, HandSettings::default())
     }
 
     /// Another simulation of the experiment has 0.26 s, 6.57 N and 15.5 N, under a bound of
@@ -199,9 +220,8 @@ mod tests {
     #[test]
     fn the_bound_on_the_papers_wall_is_a_sawtooth_whose_jumps_are_drops() {
         let device = DeviceDefinition::load("cho-2005").unwrap();
-        let course = Course::new(CourseKind::Straight, 1e7, 0.6);
-        let drag_N: Vec<f64> =
-            bounds(device.mechanism.as_ref(), &course, 10.0).into_iter().flatten().collect();
+        let course = Course::new(CourseKind::Straight, 1e7, &Placement::USUAL);
+        let drag_N: Vec<f64> = bounds(&device, &course, 10.0).into_iter().flatten().collect();
         let jumps = drag_N.windows(2).filter(|pair| pair[1] < pair[0] - 5.0).count();
         assert_eq!(jumps, 2);
         assert!(drag_N.windows(2).all(|pair| pair[1] < pair[0] + 0.5), "all jumps are drops");
@@ -216,5 +236,21 @@ mod tests {
         }
         let stuck = of("two-link", CourseKind::Straight);
         assert!(!stuck.arrived && stuck.impossible > 0.0, "{stuck:?}");
+    }
+
+    #[test]
+    fn weak_brakes_share_the_press_and_then_none_hold() {
+        let mut device = DeviceDefinition::load("cho-2005").unwrap();
+        let course = Course::new(CourseKind::Straight, 1e7, &Placement::USUAL);
+        let bound_N = |device: &DeviceDefinition| bounds(device, &course, 10.0);
+        let strong = bound_N(&device);
+        device.actuators.max_torque_Nm.fill(2.5);
+        let weak = bound_N(&device);
+        let pairs = || strong.iter().zip(&weak);
+        assert!(pairs().all(|(strong, weak)| weak.is_none_or(|weak| Some(weak + 1e-9) >= *strong)));
+        assert!(pairs().any(|(strong, weak)| weak.is_some_and(|weak| Some(weak - 0.5) > *strong)));
+        device.actuators.max_torque_Nm.fill(0.1);
+        let found = perfect(&device, &course, HandSettings::default());
+        assert!(!found.arrived && found.impossible > 0.5, "{found:?}");
     }
 }

@@ -12,13 +12,18 @@
 //! in the device's plane, `reference` and limits one per brake, and answers with a line
 //! `{"capacity_Nm":[..]}`, one number from 0 to its limit per brake. It may keep whatever it
 //! likes between lines; what it writes on stderr is the user's to see. A process that ends,
-//! answers something else, or takes too long ends the experiment with what was wrong.
+//! answers something else or unasked, does not read, or takes too long ends the experiment with
+//! what was wrong; then it is killed, with all that it started.
 
 use std::io::{BufRead, BufReader, Write};
-use std::process::{Child, ChildStdin, Command, Stdio};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
-use std::time::Duration;
+use std::os::unix::process::CommandExt;
+use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::time::{Duration, Instant};
 
+use rustix::process::{Pid, Signal, kill_process_group};
 use serde::Deserialize;
 use serde_json::json;
 
@@ -28,6 +33,9 @@ use crate::notation::{ActuatorVector, PlaneVector};
 /// An interpreter needs its time before the first answer.
 const START: Duration = Duration::from_secs(10);
 
+/// So often it is looked whether somebody wants to stop.
+const PATIENCE: Duration = Duration::from_millis(100);
+
 /// No answer is longer, bytes.
 const LONGEST: u64 = 65_536;
 
@@ -35,9 +43,10 @@ const LONGEST: u64 = 65_536;
 pub struct ExecLaw {
     command: String,
     child: Child,
-    stdin: ChildStdin,
+    questions: SyncSender<String>,
     lines: Receiver<std::io::Result<String>>,
     limit: Duration,
+    stop: Arc<AtomicBool>,
     tick: u64,
 }
 
@@ -48,15 +57,17 @@ struct Answer {
 }
 
 impl ExecLaw {
-    /// Starts the process; each later answer may take `limit`.
-    pub fn start(command: &str, limit: Duration) -> Result<Self, String> {
+    /// Starts the process; each later answer may take `limit`, and none is waited for once
+    /// `stop` is true.
+    pub fn start(command: &str, limit: Duration, stop: Arc<AtomicBool>) -> Result<Self, String> {
         let mut child = Command::new("sh")
             .args(["-c", command])
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
+            .process_group(0)
             .spawn()
             .map_err(|error| format!("`{command}` cannot be started: {error}"))?;
-        let (Some(stdin), Some(stdout)) = (child.stdin.take(), child.stdout.take()) else {
+        let (Some(mut stdin), Some(stdout)) = (child.stdin.take(), child.stdout.take()) else {
             return Err(format!("`{command}` has no pipes"));
         };
         let (sender, lines) = sync_channel(1);
@@ -71,12 +82,32 @@ impl ExecLaw {
                 }
             }
         });
-        Ok(Self { command: command.to_owned(), child, stdin, lines, limit, tick: 0 })
+        // A law that does not read must not hold up who asks it.
+        let (questions, asked) = sync_channel::<String>(1);
+        std::thread::spawn(move || {
+            while let Ok(question) = asked.recv() {
+                if stdin.write_all(question.as_bytes()).and_then(|()| stdin.flush()).is_err() {
+                    break;
+                }
+            }
+        });
+        Ok(Self { command: command.to_owned(), child, questions, lines, limit, stop, tick: 0 })
     }
 
     fn answer(&mut self) -> Result<String, String> {
         let limit = if self.tick == 1 { self.limit.max(START) } else { self.limit };
-        match self.lines.recv_timeout(limit) {
+        let until = Instant::now() + limit;
+        let received = loop {
+            let left = until.saturating_duration_since(Instant::now());
+            match self.lines.recv_timeout(left.min(PATIENCE)) {
+                Err(RecvTimeoutError::Timeout) if self.stop.load(Ordering::Relaxed) => {
+                    return Err(self.complaint("was not waited for"));
+                }
+                Err(RecvTimeoutError::Timeout) if left > PATIENCE => {}
+                received => break received,
+            }
+        };
+        match received {
             Ok(Ok(line)) if !line.is_empty() => Ok(line),
             Ok(Err(error)) => Err(self.complaint(&format!("wrote no text: {error}"))),
             Err(RecvTimeoutError::Timeout) => {
@@ -105,9 +136,17 @@ impl ExecLaw {
 impl OwnLaw for ExecLaw {
     fn capacities(&mut self, seen: &Seen) -> Result<ActuatorVector, String> {
         self.tick += 1;
-        let line = question(seen) + "\n";
-        if self.stdin.write_all(line.as_bytes()).and_then(|()| self.stdin.flush()).is_err() {
-            return Err(self.ended());
+        match self.lines.try_recv() {
+            Ok(Ok(line)) if !line.is_empty() => {
+                return Err(self.complaint(&format!("answered `{}` unasked", told(&line))));
+            }
+            Ok(_) => return Err(self.ended()),
+            Err(_) => {} // nothing yet, as it should be; an end shows in what follows
+        }
+        match self.questions.try_send(question(seen) + "\n") {
+            Ok(()) => {}
+            Err(TrySendError::Full(_)) => return Err(self.complaint("does not read its input")),
+            Err(TrySendError::Disconnected(_)) => return Err(self.ended()),
         }
         let line = self.answer()?;
         capacities(&line, seen).map_err(|what| self.complaint(&what))
@@ -116,8 +155,10 @@ impl OwnLaw for ExecLaw {
 
 impl Drop for ExecLaw {
     fn drop(&mut self) {
-        // It has nothing left to do; one that is gone already is not there to be ended.
-        let _ = self.child.kill();
+        // It has nothing left to do, nor has what it started; who is gone is not there to be ended.
+        if let Some(group) = Pid::from_raw(self.child.id().cast_signed()) {
+            let _ = kill_process_group(group, Signal::KILL);
+        }
         let _ = self.child.wait();
     }
 }
@@ -146,11 +187,15 @@ fn question(seen: &Seen) -> String {
     .to_string()
 }
 
+/// The beginning of what it said.
+fn told(line: &str) -> String {
+    line.trim_end().chars().take(80).collect()
+}
+
 /// The capacities of an answer, or what is wrong with it.
 fn capacities(line: &str, seen: &Seen) -> Result<ActuatorVector, String> {
-    let told = || line.trim_end().chars().take(80).collect::<String>();
     let Answer { capacity_Nm } = serde_json::from_str(line).map_err(|error| {
-        format!("must answer {{\"capacity_Nm\":[..]}}, not `{}` ({error})", told())
+        format!("must answer {{\"capacity_Nm\":[..]}}, not `{}` ({error})", told(line))
     })?;
     if capacity_Nm.len() != seen.actuators {
         let (found, wanted) = (capacity_Nm.len(), seen.actuators);
@@ -175,7 +220,7 @@ mod tests {
     const LIMIT: Duration = Duration::from_millis(2_000);
 
     fn slide(command: &str) -> Result<Figures, String> {
-        let mut law = ExecLaw::start(command, LIMIT)?;
+        let mut law = ExecLaw::start(command, LIMIT, Arc::default())?;
         run_with(&Experiment::default(), Some(&mut law), |_| ()).map_err(|error| error.to_string())
     }
 
@@ -198,6 +243,8 @@ mod tests {
             ("while read a; do echo '{\"capacity_Nm\":[1,2,3,-4]}'; done", "capacity_Nm[3] = -4"),
             ("while read a; do echo '{\"capacity_Nm\":[1,2,3,99]}'; done", "0 to 20 N m"),
             ("/no/such/law", "ended"),
+            ("yes '{\"capacity_Nm\":[0,0,0,0]}'", "unasked"),
+            ("while read a; do printf '{\"capacity_Nm\":[0,0,0,0]}\\n%.0s' 1 2; done", "unasked"),
         ] {
             let error = slide(command).unwrap_err();
             assert!(error.contains(told) && error.contains(command), "{command}: {error}");
@@ -207,8 +254,39 @@ mod tests {
     #[test]
     fn a_law_that_takes_too_long_is_given_up() {
         let slow = "read a; echo '{\"capacity_Nm\":[0,0,0,0]}'; read a; sleep 5";
-        let mut law = ExecLaw::start(slow, Duration::from_millis(50)).unwrap();
+        let mut law = ExecLaw::start(slow, Duration::from_millis(50), Arc::default()).unwrap();
         let error = run_with(&Experiment::default(), Some(&mut law), |_| ()).unwrap_err();
         assert!(error.to_string().contains("within 50 ms, in tick 2"), "{error}");
+    }
+
+    #[test]
+    fn nobody_waits_for_a_law_once_it_is_stopped() {
+        let stop = Arc::new(AtomicBool::new(true));
+        let began = Instant::now();
+        let mut law = ExecLaw::start("sleep 600", LIMIT, stop).unwrap();
+        let error = run_with(&Experiment::default(), Some(&mut law), |_| ()).unwrap_err();
+        assert!(error.to_string().contains("not waited for"), "{error}");
+        // The first answer of a law may take ten seconds.
+        assert!(began.elapsed() < START, "{:?}", began.elapsed());
+    }
+
+    #[test]
+    fn what_a_law_started_ends_with_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("pid");
+        let command = format!("sleep 600 & echo $! >{}; cat >/dev/null", file.display());
+        let mut law = ExecLaw::start(&command, LIMIT, Arc::default()).unwrap();
+        law.tick = 1; // the time of an interpreter's start is over
+        run_with(&Experiment::default(), Some(&mut law), |_| ()).unwrap_err();
+        drop(law);
+        let started: i32 = std::fs::read_to_string(&file).unwrap().trim().parse().unwrap();
+        let gone = || {
+            let state = std::fs::read_to_string(format!("/proc/{started}/stat"));
+            state.map_or(true, |state| state.contains(") Z "))
+        };
+        assert!((0..100).any(|_| {
+            std::thread::sleep(Duration::from_millis(20));
+            gone()
+        }));
     }
 }

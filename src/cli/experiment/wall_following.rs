@@ -1,6 +1,7 @@
 //! `hapticd experiment wall-following`: all laws on all courses beside the passive bound.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
@@ -12,8 +13,8 @@ use serde_json::{Map, json};
 use super::exec_law::ExecLaw;
 use crate::actuation::Strategy;
 use crate::analysis::experiment::wall_following::report::{self, COLUMNS, Value};
-use crate::analysis::experiment::wall_following::{Law, Row, Study, pictures};
-use crate::analysis::wall_following::{CourseKind, Flesh, HandSettings, OwnLaw};
+use crate::analysis::experiment::wall_following::{Found, Law, Study, pictures};
+use crate::analysis::wall_following::{Beside, CourseKind, Flesh, HandSettings, OwnLaw};
 
 /// Lag of the brakes in the pictures.
 const PICTURED_LAG_S: f64 = 0.002;
@@ -24,6 +25,7 @@ const PICTURED_LAG_S: f64 = 0.002;
   hapticd experiment wall-following --quick
   hapticd experiment wall-following --device cho-2005 --course corner,hollow --law sliding
   hapticd experiment wall-following --law \"exec:python3 docs/examples/law.py\" --course straight
+  hapticd experiment wall-following --quick --law sliding --beside along:-3
   hapticd experiment wall-following --quick --json | jq '.rows[] | [.law, .hand_mean_N]'
 
 Without restrictions: both devices of Cho 2005, all laws, all courses, brake lags of 0, 10 and
@@ -65,6 +67,10 @@ pub struct WallFollowing {
     /// The hand has a mass and a soft palm
     #[arg(long)]
     flesh: bool,
+    /// Beside the walls: along:N or out:N (newtons, -50 to 50, of the first wall), viscous:D
+    /// (N s/m), padding:K (a soft layer of 5 mm, N/m)
+    #[arg(long, value_name = "WHAT", default_value = "nothing", allow_hyphen_values = true)]
+    beside: Beside,
     /// One device, the straight wall, a corner and a hollow sphere, one seed: half a minute
     #[arg(long)]
     quick: bool,
@@ -111,20 +117,25 @@ impl WallFollowing {
         let limit = Duration::from_millis(self.law_timeout_ms);
         let make = |command: &str| {
             let command = command.strip_prefix("exec:").unwrap_or(command);
-            ExecLaw::start(command, limit).map(|law| Box::new(law) as Box<dyn OwnLaw>)
+            ExecLaw::start(command, limit, Arc::clone(&stop))
+                .map(|law| Box::new(law) as Box<dyn OwnLaw>)
         };
-        let rows = study.run(&make, &|| bar.inc(1), &stop);
+        let found = study.run(&make, &|| bar.inc(1), &stop);
         bar.finish_and_clear();
-        let rows = rows?;
-        let written = self.write(&study, &rows)?;
+        let found = found?;
+        let [done, all] = found.slides;
+        ensure!(done > 0, "stopped before the first of {all} slides was done");
+        let written = self.write(&study, &found)?;
         if self.json {
-            say!("{}", to_json(&study, &rows));
+            say!("{}", to_json(&study, &found));
         } else {
-            say!("{} slides, {} rows", study.runs(), rows.len());
+            say!("{done} slides, {} rows", found.rows.len());
             for path in written {
                 say!("{}", path.display());
             }
         }
+        let out = self.out.display();
+        ensure!(done == all, "stopped after {done} of {all} slides; {out} says so");
         Ok(())
     }
 
@@ -159,6 +170,7 @@ impl WallFollowing {
             counts: self.counts.clone(),
             seeds: (1..=self.seeds).collect(),
             hand,
+            beside: self.beside,
             stiffness_N_per_m: 1e7,
         };
         if self.quick {
@@ -174,10 +186,12 @@ impl WallFollowing {
     }
 
     /// Writes everything; the paths.
-    fn write(&self, study: &Study, rows: &[Row]) -> anyhow::Result<Vec<PathBuf>> {
-        let mut written = Vec::new();
-        let mut text = report::markdown(study, rows);
-        if study.courses.contains(&CourseKind::Straight) {
+    fn write(&self, study: &Study, found: &Found) -> anyhow::Result<Vec<PathBuf>> {
+        // What took the minutes goes first: a disk that is full loses pictures.
+        let table = report::csv(study, &found.rows);
+        let mut written = vec![save(&self.out.join("figures.csv"), &table)?];
+        let mut text = report::markdown(study, found);
+        if study.courses.contains(&CourseKind::Straight) && found.is_complete() {
             text.push_str(
                 "## Pictures\n\nOn the straight wall, with the sensor, brake lag 2 ms.\n",
             );
@@ -192,15 +206,13 @@ impl WallFollowing {
                 }
             }
         }
-        for (name, content) in [("figures.csv", report::csv(rows)), ("report.md", text)] {
-            written.push(save(&self.out.join(name), &content)?);
-        }
+        written.push(save(&self.out.join("report.md"), &text)?);
         written.reverse();
         Ok(written)
     }
 }
 
-fn save(path: &Path, content: &str) -> anyhow::Result<PathBuf> {
+pub(super) fn save(path: &Path, content: &str) -> anyhow::Result<PathBuf> {
     std::fs::write(path, content).with_context(|| format!("cannot write {}", path.display()))?;
     Ok(path.to_owned())
 }
@@ -226,9 +238,9 @@ fn progress(runs: u64) -> ProgressBar {
 }
 
 /// True from the moment that somebody presses Ctrl-C.
-fn stop_on_ctrl_c() -> anyhow::Result<std::sync::Arc<AtomicBool>> {
-    let stop = std::sync::Arc::new(AtomicBool::new(false));
-    let (runtime, told) = (crate::cli::runtime()?, std::sync::Arc::clone(&stop));
+pub(super) fn stop_on_ctrl_c() -> anyhow::Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let (runtime, told) = (crate::cli::runtime()?, Arc::clone(&stop));
     std::thread::spawn(move || {
         if runtime.block_on(tokio::signal::ctrl_c()).is_ok() {
             told.store(true, Ordering::Relaxed);
@@ -237,9 +249,9 @@ fn stop_on_ctrl_c() -> anyhow::Result<std::sync::Arc<AtomicBool>> {
     Ok(stop)
 }
 
-fn to_json(study: &Study, rows: &[Row]) -> serde_json::Value {
-    let rows = rows.iter().map(|row| {
-        let fields = COLUMNS.iter().zip(report::values(row)).map(|(name, value)| {
+fn to_json(study: &Study, found: &Found) -> serde_json::Value {
+    let rows = found.rows.iter().map(|row| {
+        let fields = COLUMNS.iter().zip(report::values(study, row)).map(|(name, value)| {
             let value = match value {
                 Value::Text(text) => json!(text),
                 Value::Number(number) => json!(number),
@@ -251,6 +263,8 @@ fn to_json(study: &Study, rows: &[Row]) -> serde_json::Value {
     });
     json!({
         "experiment": "wall-following",
+        "complete": found.is_complete(),
+        "beside": study.beside.to_string(),
         "seeds": study.seeds,
         "press_N": study.hand.press_N,
         "stiffness_N_per_m": study.stiffness_N_per_m,
@@ -288,6 +302,7 @@ mod tests {
             (["--course", "moon"], "one of straight"),
             (["--press", "nan"], "0.5 to 50 N"),
             (["--sensor", "maybe"], "both"),
+            (["--beside", "out:99"], "-50 to 50 N"),
         ] {
             let error = parsed(&[format!("{}={}", words[0], words[1]).as_str()]).unwrap_err();
             assert!(error.contains(told), "{words:?}: {error}");

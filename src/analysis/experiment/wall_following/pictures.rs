@@ -38,11 +38,21 @@ pub fn pictures(
     hand: HandSettings,
     lag_s: f64,
 ) -> Result<Vec<Named>, ExperimentError> {
+    pictures_of(&DRAWN, device, hand, lag_s)
+}
+
+/// The same under other laws.
+pub fn pictures_of(
+    laws: &[Strategy],
+    device: &str,
+    hand: HandSettings,
+    lag_s: f64,
+) -> Result<Vec<Named>, ExperimentError> {
     let definition = DeviceDefinition::load(device)?;
     let name = definition.name.to_string();
-    let runs = DRAWN
-        .into_iter()
-        .map(|law| {
+    let runs = laws
+        .iter()
+        .map(|&law| {
             let experiment = Experiment {
                 device: device.to_owned(),
                 strategy: law,

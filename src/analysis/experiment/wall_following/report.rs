@@ -2,7 +2,9 @@
 
 use std::fmt::Write;
 
-use super::{Row, Study};
+use crate::analysis::wall_following::Beside;
+
+use super::{Found, IMPACT_SPEEDS_M_PER_S, ImpactRow, Row, Study};
 
 /// Rows of one device on one course.
 fn groups(rows: &[Row]) -> impl Iterator<Item = &[Row]> {
@@ -10,9 +12,9 @@ fn groups(rows: &[Row]) -> impl Iterator<Item = &[Row]> {
 }
 
 /// The whole report.
-pub fn markdown(study: &Study, rows: &[Row]) -> String {
+pub fn markdown(study: &Study, found: &Found) -> String {
     let mut text = String::new();
-    let hand = &study.hand;
+    let (hand, rows) = (&study.hand, &found.rows[..]);
     let _ = write!(
         text,
         "# Wall following\n\n\
@@ -38,7 +40,19 @@ pub fn markdown(study: &Study, rows: &[Row]) -> String {
         hand.grip.max_N,
         study.seeds,
     );
+    if !found.is_complete() {
+        let [done, all] = found.slides;
+        let _ = write!(
+            text,
+            "**Incomplete**: {done} of {all} slides were done when the study was stopped. Rows \
+             may lack seeds, and what was not begun is not here.\n\n"
+        );
+    }
+    if study.beside != Beside::Nothing {
+        let _ = write!(text, "Beside the walls: `{}`.\n\n", study.beside);
+    }
     bound_table(&mut text, rows);
+    impact_table(&mut text, &found.impacts);
     for group in groups(rows) {
         course_table(&mut text, group);
     }
@@ -71,6 +85,24 @@ fn bound_table(text: &mut String, rows: &[Row]) {
             100.0 * perfect.impossible,
             if perfect.arrived { "yes" } else { "no" },
         );
+    }
+    text.push('\n');
+}
+
+/// What lag makes of an impact.
+fn impact_table(text: &mut String, impacts: &[ImpactRow]) {
+    let speeds = IMPACT_SPEEDS_M_PER_S.map(|speed| format!("{speed} m/s, mm"));
+    let _ = write!(
+        text,
+        "A wall is known from the first tick in which it is touched. A handle that meets it under \
+         the hand's press goes at least this deep, every brake commanded to its utmost from then \
+         on: depth beyond this at a corner, an edge or a first touch is the law's.\n\n\
+         | device | lag ms | {} |\n|---|---|---|---|---|\n",
+        speeds.join(" | ")
+    );
+    for ImpactRow { device, lag_s, least_depth_m } in impacts {
+        let depths = least_depth_m.map(|m| m.map_or("-".into(), |m| format!("{:.2}", 1e3 * m)));
+        let _ = writeln!(text, "| {device} | {} | {} |", 1e3 * lag_s, depths.join(" | "));
     }
     text.push('\n');
 }
@@ -119,7 +151,7 @@ fn course_table(text: &mut String, group: &[Row]) {
 }
 
 /// Names of the columns, each with its unit.
-pub const COLUMNS: [&str; 26] = [
+pub const COLUMNS: [&str; 27] = [
     "device",
     "course",
     "law",
@@ -127,6 +159,7 @@ pub const COLUMNS: [&str; 26] = [
     "counts",
     "lag_ms",
     "runs",
+    "seeds",
     "arrived",
     "slide_s",
     "stuck_s",
@@ -160,7 +193,7 @@ pub enum Value {
 }
 
 /// The values of a row, in the order of [`COLUMNS`].
-pub fn values(row: &Row) -> [Value; 26] {
+pub fn values(study: &Study, row: &Row) -> [Value; 27] {
     let (cell, f, perfect) = (&row.cell, &row.figures, &row.perfect);
     let number = Value::Number;
     [
@@ -171,6 +204,7 @@ pub fn values(row: &Row) -> [Value; 26] {
         number(cell.counts),
         number(1e3 * cell.lag_s),
         number(row.runs as f64),
+        number(study.seeds.len() as f64),
         number(row.arrived as f64),
         number(f.slide_s),
         number(f.stuck_s),
@@ -194,10 +228,10 @@ pub fn values(row: &Row) -> [Value; 26] {
 }
 
 /// A header and a line per row; names with commas or quotes are quoted.
-pub fn csv(rows: &[Row]) -> String {
+pub fn csv(study: &Study, rows: &[Row]) -> String {
     let mut text = COLUMNS.join(",") + "\n";
     for row in rows {
-        let fields = values(row).map(|value| match value {
+        let fields = values(study, row).map(|value| match value {
             Value::Text(name) if name.contains([',', '"', '\n']) => {
                 format!("\"{}\"", name.replace('"', "\"\""))
             }
