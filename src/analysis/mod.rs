@@ -8,6 +8,8 @@ pub mod design;
 #[cfg(feature = "design")]
 pub mod experiment;
 pub mod manipulability;
+#[cfg(feature = "design")]
+pub mod papers;
 pub mod smoothness;
 pub mod wall_following;
 pub mod workspace;

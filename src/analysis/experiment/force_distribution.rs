@@ -143,7 +143,11 @@ pub struct Rig {
 impl Rig {
     /// The device of a study.
     pub fn new(study: &Study) -> Result<Self, StudyError> {
-        let definition = DeviceDefinition::load(&study.device)?;
+        Self::of(DeviceDefinition::load(&study.device)?, study)
+    }
+
+    /// A device that is not in a file, with the limits and weights of a study.
+    pub fn of(definition: DeviceDefinition, study: &Study) -> Result<Self, StudyError> {
         if definition.mechanism.freedoms() != 3 || definition.mechanism.actuators() != MAX_ACTUATORS
         {
             return Err(StudyError::Linkage(study.device.clone()));
@@ -165,7 +169,7 @@ impl Rig {
     }
 
     /// A pose anywhere in the reach.
-    fn anywhere(&self, rng: &mut ChaCha8Rng) -> PlaneVector {
+    pub fn anywhere(&self, rng: &mut ChaCha8Rng) -> PlaneVector {
         let (_, reach_m) = self.definition.mechanism.reach_m();
         let r_m = reach_m * rng.random_range(0.0f64..1.0).sqrt();
         let bearing_rad: f64 = rng.random_range(-PI..PI);
@@ -332,7 +336,7 @@ pub fn resolutions(rig: &Rig, study: &Study) -> Result<Vec<Resolution>, StudyErr
         ("both", true, true),
     ] {
         let drives = |i: usize| if is_base(i) { base } else { floating };
-        let mut rng = ChaCha8Rng::seed_from_u64(study.seed + 1);
+        let mut rng = ChaCha8Rng::seed_from_u64(study.seed.wrapping_add(1));
         let (mut errors_N, mut range_N) = (Vec::new(), 0.0);
         for _ in 0..study.poses {
             let all = rig.at(&rig.anywhere(&mut rng))?;
@@ -386,7 +390,7 @@ pub struct Condition {
 
 /// At random poses.
 pub fn conditions(rig: &Rig, study: &Study) -> Result<Vec<Condition>, StudyError> {
-    let mut rng = ChaCha8Rng::seed_from_u64(study.seed + 2);
+    let mut rng = ChaCha8Rng::seed_from_u64(study.seed.wrapping_add(2));
     (0..study.poses).map(|_| condition(rig, rig.anywhere(&mut rng))).collect()
 }
 
@@ -394,7 +398,7 @@ pub fn conditions(rig: &Rig, study: &Study) -> Result<Vec<Condition>, StudyError
 /// left out.
 pub fn condition_map(rig: &Rig, phi_rad: f64, step_m: f64) -> Vec<Condition> {
     let (_, reach_m) = rig.definition.mechanism.reach_m();
-    let count = (1.5 * reach_m / step_m) as i32;
+    let count = (1.75 * reach_m / step_m) as i32;
     let places = (-count..=count).flat_map(|i| (-count..=count).map(move |j| (i, j)));
     let place = |(i, j)| PlaneVector::new(step_m * f64::from(i), step_m * f64::from(j), phi_rad);
     places.filter_map(|ij| condition(rig, place(ij)).ok()).collect()

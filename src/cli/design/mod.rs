@@ -17,7 +17,9 @@ mod table;
 pub(super) use arguments::progress_bar;
 pub(super) use map::class_series;
 pub(super) use optimize::front_panel;
-pub(super) use pictures::{GAP, circles, ellipse_outline, fan, histogram, largest_betas_deg};
+pub(super) use pictures::{
+    GAP, circles, ellipse_outline, fan, histogram, largest_betas_deg, linkage, place_panel,
+};
 pub(super) use synthesis::circle_panel;
 
 use clap::{Args, Subcommand};

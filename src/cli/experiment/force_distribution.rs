@@ -83,7 +83,7 @@ impl ForceDistribution {
             "Force distribution on a redundant 3-RRR (Kim, Chung, Yi and Suh 2003)",
         )?;
         setting(&mut report, &study);
-        figures(&mut report, &pushes)?;
+        figures(&mut report, &pushes, study.limits_Nm[1])?;
         tell_failures(&mut report, &levels);
         tell_resolutions(&mut report, &study, &finenesses)?;
         tell_conditions(&mut report, &rig, &spread)?;
@@ -179,7 +179,11 @@ fn torques(
             Marks::Dashed(line),
         ));
     }
-    panel.y.range = Some([-1.0, 2.0]);
+    // One range for all schemes, with room for the legend.
+    let shown = push.iter().flat_map(|moment| &moment.torque_Nm[..3]);
+    let largest_Nm = shown.map(|torque_Nm| torque_Nm.rows(0, 4).amax());
+    let most_Nm = largest_Nm.fold(limit_Nm.unwrap_or(0.0), f64::max);
+    panel.y.range = Some([-1.1 * most_Nm, 1.7 * most_Nm]);
     panel
 }
 
@@ -187,7 +191,8 @@ fn peak_Nm(push: &[Moment], scheme: usize, motor: usize) -> f64 {
     push.iter().map(|moment| moment.torque_Nm[scheme][motor].abs()).fold(0.0, f64::max)
 }
 
-fn figures(report: &mut Report, [flat, tilted]: &[Vec<Moment>; 2]) -> anyhow::Result<()> {
+fn figures(report: &mut Report, pushes: &[Vec<Moment>; 2], limit_Nm: f64) -> anyhow::Result<()> {
+    let [flat, _] = pushes;
     report.heading("The box in its frame (Figures 2 and 3)");
     report.say(&format!(
         "The pose is ({:.4}, {:.4}, {:.2}) from the centre of the base circle. The box is pressed \
@@ -201,44 +206,14 @@ fn figures(report: &mut Report, [flat, tilted]: &[Vec<Moment>; 2]) -> anyhow::Re
     report.picture(
         "box-and-push",
         "The box in the frame, and what is felt of the push: as Figures 2 and 3",
-        &Figure {
-            columns: 3,
-            panel_px: (420, 380),
-            panels: vec![
-                frame_panel(),
-                against_time(
-                    "Flat push",
-                    "force [N]",
-                    vec![series(flat, "force", Colour::Blue, |moment| moment.wrench.xy().norm())],
-                ),
-                against_time(
-                    "Moment about the handle",
-                    "moment [N m]",
-                    vec![
-                        series(flat, "flat", Colour::Blue, |moment| moment.wrench.z),
-                        series(tilted, "by a corner", Colour::Vermilion, |moment| moment.wrench.z),
-                    ],
-                ),
-            ],
-            ..Figure::default()
-        },
+        &push_picture(pushes),
     )?;
     report.heading("Torques (Figures 4 to 7)");
     report.picture(
         "torques",
         "Torques for the flat push: least norm (as Figure 4), weighted (5), another chain \
          weighted (6), and with the floating motor at its limit (7)",
-        &Figure {
-            columns: 2,
-            panel_px: (520, 360),
-            panels: vec![
-                torques("Least norm (Eq 22)", flat, 0, 0, None),
-                torques("Weighted (Eq 23)", flat, 1, 0, None),
-                torques("Weighted, chain 2", flat, 1, 1, Some(0.4)),
-                torques("Null space (Eq 26-31), chain 2", flat, 2, 1, Some(0.4)),
-            ],
-            ..Figure::default()
-        },
+        &torque_picture(flat, limit_Nm),
     )?;
     let rows = Scheme::ALL.iter().enumerate().map(|(scheme, name)| {
         let peaks = (0..6).map(|motor| format!("{:.3}", peak_Nm(flat, scheme, motor)));
@@ -250,6 +225,46 @@ fn figures(report: &mut Report, [flat, tilted]: &[Vec<Moment>; 2]) -> anyhow::Re
         &rows.collect::<Vec<_>>(),
     );
     Ok(())
+}
+
+/// Figures 2 and 3: the box in the frame, the force, the moment.
+pub(super) fn push_picture([flat, tilted]: &[Vec<Moment>; 2]) -> Figure {
+    Figure {
+        columns: 3,
+        panel_px: (420, 380),
+        panels: vec![
+            frame_panel(),
+            against_time(
+                "Flat push",
+                "force [N]",
+                vec![series(flat, "force", Colour::Blue, |moment| moment.wrench.xy().norm())],
+            ),
+            against_time(
+                "Moment about the handle",
+                "moment [N m]",
+                vec![
+                    series(flat, "flat", Colour::Blue, |moment| moment.wrench.z),
+                    series(tilted, "by a corner", Colour::Vermilion, |moment| moment.wrench.z),
+                ],
+            ),
+        ],
+        ..Figure::default()
+    }
+}
+
+/// Figures 4 to 7: a base and a floating motor under three schemes.
+pub(super) fn torque_picture(flat: &[Moment], limit_Nm: f64) -> Figure {
+    Figure {
+        columns: 2,
+        panel_px: (520, 360),
+        panels: vec![
+            torques("Least norm (Eq 22)", flat, 0, 0, None),
+            torques("Weighted (Eq 23)", flat, 1, 0, None),
+            torques("Weighted, chain 2", flat, 1, 1, Some(limit_Nm)),
+            torques("Null space (Eq 26-31), chain 2", flat, 2, 1, Some(limit_Nm)),
+        ],
+        ..Figure::default()
+    }
 }
 
 /// The box against the wall of the frame, millimetres from the plate's centre.
@@ -265,7 +280,8 @@ fn frame_panel() -> Panel {
     Panel {
         title: "Box and elastic frame".into(),
         x: Axis::new("x [mm]"),
-        y: Axis::new("y [mm]"),
+        // The legend stands below the frame.
+        y: Axis::between("y [mm]", -44.0, 26.0),
         equal: true,
         legend: Legend::LowerLeft,
         series: vec![
@@ -345,6 +361,11 @@ fn tell_resolutions(
         &["motors", "error, mean [N]", "95 of 100 [N]", "largest [N]", "worst-direction force [N]"],
         &rows.collect::<Vec<_>>(),
     );
+    report.picture("resolution", "How fine a force is, by who drives", &resolution_picture(found))
+}
+
+/// Share of the forces by error, for each set of motors.
+pub(super) fn resolution_picture(found: &[Resolution]) -> Figure {
     let share = |errors: &[f64]| -> Vec<[f64; 2]> {
         let count = errors.len() as f64;
         let point = |(i, error): (usize, &f64)| [error.max(1e-6), (i + 1) as f64 / count];
@@ -362,8 +383,11 @@ fn tell_resolutions(
         series: lines.collect(),
         ..Panel::default()
     };
-    report.picture("resolution", "How fine a force is, by who drives", &Figure::single(panel))
+    Figure::single(panel)
 }
+
+/// A larger condition number is that of a posture near a singular one.
+const SINGULAR: f64 = 100.0;
 
 fn tell_conditions(report: &mut Report, rig: &Rig, spread: &[Condition]) -> anyhow::Result<()> {
     report.heading("Three motors against six");
@@ -376,14 +400,29 @@ fn tell_conditions(report: &mut Report, rig: &Rig, spread: &[Condition]) -> anyh
     report.say(&format!(
         "Condition number of the map from torques to wrenches, moments on {LENGTH_M} m, over {} \
          random poses: with the three base motors median {:.1}, largest {:.0}; with all six median \
-         {:.1}, largest {:.1}. The device is free of singular postures inside its workspace \
-         because of the redundant motors, as the paper says.",
+         {:.1}, largest {:.1}. {}",
         spread.len(),
         middle(|found| found.three),
         worst(|found| found.three),
         middle(|found| found.six),
         worst(|found| found.six),
+        if worst(|found| found.six) <= SINGULAR {
+            "No pose is near a singular one with all six, as the paper says of its workspace."
+        } else {
+            "Some pose is near a singular one even with all six, other than the paper says of its \
+             workspace."
+        },
     ));
+    report.picture(
+        "conditions",
+        "Condition number at phi = 0 on the three base motors and on all six; 100 and more is \
+         the lightest colour",
+        &condition_picture(rig),
+    )
+}
+
+/// Condition number at phi = 0 on three motors and on six.
+pub(super) fn condition_picture(rig: &Rig) -> Figure {
     let step_m = 0.0025;
     let map = condition_map(rig, 0.0, step_m);
     let panel = |title: &str, of: fn(&Condition) -> f64| {
@@ -407,20 +446,15 @@ fn tell_conditions(report: &mut Report, rig: &Rig, spread: &[Condition]) -> anyh
             ..Panel::default()
         }
     };
-    report.picture(
-        "conditions",
-        "Condition number at phi = 0 on the three base motors and on all six; 100 and more is \
-         the lightest colour",
-        &Figure {
-            columns: 2,
-            panel_px: (560, 460),
-            panels: vec![
-                panel("Three base motors", |found| found.three),
-                panel("All six motors", |found| found.six),
-            ],
-            ..Figure::default()
-        },
-    )
+    Figure {
+        columns: 2,
+        panel_px: (560, 460),
+        panels: vec![
+            panel("Three base motors", |found| found.three),
+            panel("All six motors", |found| found.six),
+        ],
+        ..Figure::default()
+    }
 }
 
 fn to_json(

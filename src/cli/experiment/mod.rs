@@ -3,6 +3,8 @@
 mod exec_law;
 mod force_distribution;
 mod optimisation;
+mod paper_pictures;
+mod papers;
 mod report;
 mod synthesis;
 mod wall_following;
@@ -16,7 +18,8 @@ use clap::{Args, Subcommand};
   hapticd experiment wall-following --device cho-2005 --law sliding --course corner --json
   hapticd experiment force-distribution --out force-distribution
   hapticd experiment optimisation --out optimisation
-  hapticd experiment synthesis --out synthesis --json")]
+  hapticd experiment synthesis --out synthesis --json
+  hapticd experiment papers --out docs/papers")]
 pub struct Experiment {
     #[command(subcommand)]
     study: Study,
@@ -28,6 +31,7 @@ enum Study {
     ForceDistribution(force_distribution::ForceDistribution),
     Optimisation(optimisation::Optimisation),
     Synthesis(synthesis::Synthesis),
+    Papers(papers::Papers),
 }
 
 impl Experiment {
@@ -38,6 +42,7 @@ impl Experiment {
             Study::ForceDistribution(study) => study.run(),
             Study::Optimisation(study) => study.run(),
             Study::Synthesis(study) => study.run(),
+            Study::Papers(study) => study.run(),
         }
     }
 }

@@ -56,7 +56,7 @@ pub struct Optimisation {
 }
 
 /// A device of the paper.
-struct Published {
+pub(super) struct Published {
     device: DeviceDefinition,
     parameters: FiveBarParameters,
     printed: [f64; 4],
@@ -76,8 +76,19 @@ impl Optimisation {
             Report::begin(&self.out, "Optimisation of the braked five-bar (Cho 2005, section 6)")?;
         let published = published()?;
         table_1(&mut report, &published);
-        figure_9(&mut report, &published)?;
-        figure_10(&mut report, &published[1])?;
+        report.heading("Figure 9");
+        report.picture(
+            "figure-9",
+            "Largest angle between neighbouring rays, before and after the optimisation.",
+            &histograms(&published),
+        )?;
+        report.heading("Figure 10");
+        report.picture(
+            "figure-10",
+            "Directions of the reference forces of the optimised device: each sector between two \
+             of them is a region.",
+            &rays_over_workspace(&published[1]),
+        )?;
         let start = published[0].parameters;
         let straight = self.search(published[1].parameters, start);
         let crossed_class = crossed()?;
@@ -171,17 +182,7 @@ impl Optimisation {
         report.heading("The front between the two means");
         let given = DesignProblem::published(published.parameters, [1.0, 1.0])
             .evaluate(&variables_of(&published.parameters));
-        let given = given.map(|design| ("Cho 2005, optimised", design));
-        let mut wide = front_panel(&straight.front, &[], given);
-        wide.title = "Straight tendons (the published class)".into();
-        let mut narrow = front_panel(&crossed.front, &[], None);
-        narrow.title = "Crossed tendons".into();
-        let figure = Figure {
-            columns: 2,
-            panel_px: (480, 400),
-            panels: vec![wide, narrow],
-            title: String::new(),
-        };
+        let figure = front_picture(&straight.front, &crossed.front, given);
         report.picture(
             "pareto",
             "Mean P_f over mean P_a of the best designs, by weighted sums.",
@@ -197,7 +198,8 @@ impl Optimisation {
     }
 }
 
-fn published() -> anyhow::Result<Vec<Published>> {
+/// Both devices of the paper, the unoptimised one first.
+pub(super) fn published() -> anyhow::Result<Vec<Published>> {
     PUBLISHED
         .iter()
         .map(|(name, printed)| {
@@ -207,6 +209,20 @@ fn published() -> anyhow::Result<Vec<Published>> {
             Ok(Published { device, parameters, printed: *printed })
         })
         .collect()
+}
+
+/// The fronts of both classes, and the published design beside its own.
+pub(super) fn front_picture(
+    straight: &[Design],
+    crossed: &[Design],
+    published: Option<Design>,
+) -> Figure {
+    let given = published.map(|design| ("Cho 2005, optimised", design));
+    let mut wide = front_panel(straight, &[], given);
+    wide.title = "Straight tendons (the published class)".into();
+    let mut narrow = front_panel(crossed, &[], None);
+    narrow.title = "Crossed tendons".into();
+    Figure { columns: 2, panel_px: (480, 400), panels: vec![wide, narrow], title: String::new() }
 }
 
 fn crossed() -> anyhow::Result<FiveBarParameters> {
@@ -280,8 +296,8 @@ fn table_1(report: &mut Report, published: &[Published]) {
     );
 }
 
-fn figure_9(report: &mut Report, published: &[Published]) -> anyhow::Result<()> {
-    report.heading("Figure 9");
+/// Figure 9: the histogram under two grids.
+pub(super) fn histograms(published: &[Published]) -> Figure {
     let panels = grids().into_iter().take(2).map(|(name, grid)| {
         let betas = published.iter().map(|one| {
             let label =
@@ -292,17 +308,11 @@ fn figure_9(report: &mut Report, published: &[Published]) -> anyhow::Result<()> 
         panel.legend = Legend::UpperRight;
         panel
     });
-    let figure =
-        Figure { columns: 2, panel_px: (480, 380), panels: panels.collect(), title: String::new() };
-    report.picture(
-        "figure-9",
-        "Largest angle between neighbouring rays, before and after the optimisation.",
-        &figure,
-    )
+    Figure { columns: 2, panel_px: (480, 380), panels: panels.collect(), title: String::new() }
 }
 
-fn figure_10(report: &mut Report, published: &Published) -> anyhow::Result<()> {
-    report.heading("Figure 10");
+/// Figure 10: the rays over the workspace, and a part enlarged.
+pub(super) fn rays_over_workspace(published: &Published) -> Figure {
     let [least_m, most_m] = CHO_WORKSPACE_M;
     let sparse =
         Grid::Annulus(Annulus { radii: 6, bearings: 24, ..Annulus::polar(least_m, most_m) });
@@ -318,18 +328,7 @@ fn figure_10(report: &mut Report, published: &Published) -> anyhow::Result<()> {
     left.series.push(Series::new("enlarged", Colour::Black, Marks::Dashed(corners)));
     let mut right = rays_panel(published, &near, 0.018);
     right.title = "enlarged".into();
-    let figure = Figure {
-        columns: 2,
-        panel_px: (560, 540),
-        panels: vec![left, right],
-        title: String::new(),
-    };
-    report.picture(
-        "figure-10",
-        "Directions of the reference forces of the optimised device: \
-                    each sector between two of them is a region.",
-        &figure,
-    )
+    Figure { columns: 2, panel_px: (560, 540), panels: vec![left, right], title: String::new() }
 }
 
 fn rays_panel(published: &Published, places: &[PlaneVector], half_m: f64) -> Panel {

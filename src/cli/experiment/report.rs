@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 
+use crate::analysis::papers::page;
 use crate::plot::Figure;
 
 /// A report that is being written.
@@ -32,18 +33,7 @@ impl Report {
 
     /// A table; every row has as many cells as the head.
     pub fn table(&mut self, head: &[&str], rows: &[Vec<String>]) {
-        let line = |cells: &mut dyn Iterator<Item = &str>| {
-            format!(
-                "| {} |\n",
-                cells.map(|cell| cell.replace('|', "\\|")).collect::<Vec<_>>().join(" | ")
-            )
-        };
-        self.text += "\n";
-        self.text += &line(&mut head.iter().copied());
-        self.text += &line(&mut head.iter().map(|_| "---"));
-        for row in rows {
-            self.text += &line(&mut row.iter().map(String::as_str));
-        }
+        self.text += &format!("\n{}", page::table(head, rows));
     }
 
     /// A picture, as NAME.svg and NAME.png, and what it shows.

@@ -12,15 +12,13 @@ use serde_json::json;
 
 use super::report::Report;
 use crate::analysis::design::local::{ForceEllipse, ellipse};
-use crate::analysis::design::symmetric::{
-    Candidate, CountGrid, Lengths, Reach, search, search_space, table_1,
-};
+use crate::analysis::design::symmetric::{Candidate, CountGrid, Lengths, Reach, search, table_1};
+use crate::analysis::papers::singh::{OPTIMUM, Winner, best_by_share, finest_by_share, winners};
 use crate::cli::design::{GAP, circle_panel, class_series, ellipse_outline};
 use crate::mechanism::{Mechanism, SymmetricFiveBar};
 use crate::notation::PlaneVector;
 use crate::plot::{Axis, Colour, Figure, Legend, Marks, Panel, Series, Sign};
 
-const OPTIMUM: Lengths = Lengths { a1: 10.0, a2: 15.0, a3: 3.0 };
 const M_PER_CM: f64 = 0.01;
 
 /// Singh, Saha & Manivannan: the search of Table 1, its conditions, maps and ellipses
@@ -68,7 +66,7 @@ impl Synthesis {
     }
 }
 
-fn axes(title: &str) -> Panel {
+pub(super) fn axes(title: &str) -> Panel {
     Panel {
         title: title.into(),
         x: Axis::new("x [cm]"),
@@ -87,7 +85,7 @@ fn round(centre: [f64; 2], radius: f64) -> Vec<[f64; 2]> {
 }
 
 /// Base, driven links, distal links as one line with its joints.
-fn chain(joints: [[f64; 2]; 5]) -> [Series; 2] {
+pub(super) fn chain(joints: [[f64; 2]; 5]) -> [Series; 2] {
     [
         Series::new("linkage", Colour::Black, Marks::Line(joints.to_vec())),
         Series::unnamed(Colour::Black, Marks::Points(Sign::Circle, joints.to_vec())),
@@ -96,6 +94,20 @@ fn chain(joints: [[f64; 2]; 5]) -> [Series; 2] {
 
 fn singularities(report: &mut Report) -> anyhow::Result<()> {
     report.heading("Singularities (Figures 2 and 3)");
+    report.picture(
+        "figure-2",
+        "Eq 6 to 9: the circles on which a leg is stretched or folded; the workspace lies between.",
+        &borders_picture(),
+    )?;
+    report.picture(
+        "figure-3",
+        "Direct kinematic singularities: the locked actuators do not hold the handle.",
+        &direct_picture(),
+    )
+}
+
+/// Figure 2: the circles on which a leg is stretched or folded.
+pub(super) fn borders_picture() -> Figure {
     let Lengths { a1, a2, a3 } = OPTIMUM;
     let mut borders = axes("Boundary singularities of (10, 15, 3)");
     for (side, name, colour) in [(-1.0, "O1", Colour::Blue), (1.0, "O2", Colour::Vermilion)] {
@@ -107,6 +119,12 @@ fn singularities(report: &mut Report) -> anyhow::Result<()> {
     }
     borders.legend = Legend::LowerLeft;
     borders.y = Axis::between("y [cm]", -36.0, 28.0);
+    Figure { panel_px: (620, 600), ..Figure::single(borders) }
+}
+
+/// Figure 3: B1 and B2 meet, and B1, C, B2 in line.
+pub(super) fn direct_picture() -> Figure {
+    let Lengths { a1, a2, a3 } = OPTIMUM;
     let height = (a1 * a1 - a3 * a3).sqrt();
     let meeting = [0.0, height];
     let handle = [a2 * 0.5, height + a2 * 0.75_f64.sqrt()];
@@ -135,23 +153,12 @@ fn singularities(report: &mut Report) -> anyhow::Result<()> {
     for panel in [&mut together, &mut in_line] {
         panel.legend = Legend::LowerRight;
     }
-    let figure = Figure { panel_px: (620, 600), ..Figure::single(borders) };
-    report.picture(
-        "figure-2",
-        "Eq 6 to 9: the circles on which a leg is stretched or folded; the workspace lies between.",
-        &figure,
-    )?;
-    let figure = Figure {
+    Figure {
         columns: 2,
         panel_px: (460, 440),
         panels: vec![together, in_line],
         title: String::new(),
-    };
-    report.picture(
-        "figure-3",
-        "Direct kinematic singularities: the locked actuators do not hold the handle.",
-        &figure,
-    )
+    }
 }
 
 fn conditions(report: &mut Report) {
@@ -204,17 +211,25 @@ fn conditioned(lengths: &Lengths, grid: &CountGrid) -> Vec<([f64; 2], f64)> {
     inside.collect()
 }
 
+fn upper_half() -> Vec<([f64; 2], f64)> {
+    conditioned(&OPTIMUM, &CountGrid::Arcs { step: 1.0, rays: 73, span_rad: PI })
+}
+
+/// Figure 5: the classes of the condition number.
+pub(super) fn classes_picture() -> Figure {
+    let mut panel = axes("Condition number over the upper half of the workspace, (10, 15, 3)");
+    panel.series = class_series(&upper_half());
+    panel.y = Axis::between("y [cm]", -1.5, 34.0);
+    Figure { panel_px: (820, 620), ..Figure::single(panel) }
+}
+
 fn map_of_classes(report: &mut Report) -> anyhow::Result<()> {
     report.heading("Map of the condition number (Figure 5)");
-    let half = CountGrid::Arcs { step: 1.0, rays: 73, span_rad: PI };
-    let places = conditioned(&OPTIMUM, &half);
-    let mut panel = axes("Condition number over the upper half of the workspace, (10, 15, 3)");
-    panel.series = class_series(&places);
-    panel.y = Axis::between("y [cm]", -1.5, 34.0);
+    let places = upper_half();
     report.picture(
         "figure-5",
         "The four classes of the condition number, with the paper's signs.",
-        &Figure { panel_px: (820, 620), ..Figure::single(panel) },
+        &classes_picture(),
     )?;
     let mean = 28.0 / 3.0;
     let within = |(at, _): &&([f64; 2], f64)| (0.9..=1.7).contains(&(at[0].hypot(at[1]) / mean));
@@ -260,19 +275,19 @@ fn searches(report: &mut Report, found: &[Candidate]) -> anyhow::Result<()> {
          as its equal, which here has two places more.",
         if best.lengths == OPTIMUM { "is" } else { "is not" }
     ));
-    let figure = Figure {
-        columns: 2,
-        panel_px: (480, 400),
-        panels: vec![base_panel(found), circle_panel(found)],
-        title: String::new(),
-    };
     report.picture(
         "figure-6-7",
         "Left: Figure 6. Right: Figure 7, by the size of the workspace.",
-        &figure,
+        &search_picture(found),
     )?;
     finer(report);
     Ok(())
+}
+
+/// Figures 6 and 7: every design, by its base and by its inscribed circle.
+pub(super) fn search_picture(found: &[Candidate]) -> Figure {
+    let panels = vec![base_panel(found), circle_panel(found)];
+    Figure { columns: 2, panel_px: (480, 400), panels, title: String::new() }
 }
 
 /// Every design over its half base.
@@ -298,45 +313,27 @@ fn base_panel(found: &[Candidate]) -> Panel {
 
 fn finer(report: &mut Report) {
     report.say("The winner is one of this grid. The same search on others:");
-    let full = 2.0 * PI;
-    let grids = [
-        CountGrid::STATED,
-        CountGrid::Arcs { step: 1.0, rays: 37, span_rad: PI },
-        CountGrid::Arcs { step: 0.5, rays: 73, span_rad: full },
-        CountGrid::Arcs { step: 0.5, rays: 145, span_rad: full },
-        CountGrid::Arcs { step: 0.25, rays: 289, span_rad: full },
-        CountGrid::Lattice { step: 0.5 },
-        CountGrid::Lattice { step: 0.25 },
-    ];
-    let designs = table_1();
-    let rows = grids.map(|grid| {
-        let found = search(&designs, &grid);
-        let Lengths { a1, a2, a3 } = found[0].lengths;
-        let place = found.iter().position(|one| one.lengths == OPTIMUM).unwrap_or(found.len() - 1);
-        let share =
-            |one: &Candidate| 100.0 * one.counts.above_5() as f64 / one.counts.interior() as f64;
+    let rows = winners().into_iter().map(|one| {
+        let Lengths { a1, a2, a3 } = one.best.lengths;
         vec![
-            grid.to_string(),
+            one.grid.clone(),
             format!("({a1}, {a2}, {a3})"),
-            found[0].counts.above_5().to_string(),
-            format!("{:.1} %", share(&found[0])),
+            one.best.counts.above_5().to_string(),
+            format!("{:.1} %", Winner::percent(&one.best)),
             format!(
                 "{} of 60, {} places, {:.1} %",
-                place + 1,
-                found[place].counts.above_5(),
-                share(&found[place])
+                one.rank,
+                one.published.counts.above_5(),
+                Winner::percent(&one.published)
             ),
         ]
     });
-    report.table(&["grid", "winner", "places with K >= 5", "share", "(10, 15, 3)"], &rows);
-    let shared = |designs: &[Lengths]| {
-        let mut found = search(designs, &CountGrid::Arcs { step: 0.5, rays: 145, span_rad: full });
-        let share = |one: &Candidate| one.counts.above_5() as f64 / one.counts.interior() as f64;
-        found.sort_by(|a, b| share(a).total_cmp(&share(b)));
-        (found[0].lengths, 100.0 * share(&found[0]))
-    };
-    let (by_share, percent) = shared(&designs);
-    let (finest, fine_percent) = shared(&search_space([9.0, 12.0], [11.0, 15.0], [3.0, 5.0], 0.5));
+    report.table(
+        &["grid", "winner", "places with K >= 5", "share", "(10, 15, 3)"],
+        &rows.collect::<Vec<_>>(),
+    );
+    let (by_share, percent) = best_by_share(&table_1());
+    let (finest, fine_percent) = finest_by_share();
     report.say(&format!(
         "A count of places favours small workspaces. By the *share* of the workspace with K >= 5 \
          (arcs every 0.5 cm, 145 rays) the best of Table 1 is ({}, {}, {}) with {percent:.1} %, \
@@ -387,14 +384,18 @@ fn ellipses(report: &mut Report, linkage: &SymmetricFiveBar) -> anyhow::Result<(
          reached, because folded legs still span 5 cm from each pivot, which is 4 cm up the \
          axis. From there the ratio rises to 1.60 at y = 7.5 and falls through 1.50 at y = 10.",
     );
-    let panels = vec![shapes_on_axis(linkage), shapes_over_workspace(linkage)];
-    let figure = Figure { columns: 2, panel_px: (560, 520), panels, title: String::new() };
     report.picture(
         "figure-8-9",
-        "Forces at the handle whose torques have a norm of 1 N m (f = \
-                    J^T tau, as Eq 10 must read).",
-        &figure,
+        "Forces at the handle whose torques have a norm of 1 N m (f = J^T tau, as Eq 10 must \
+         read).",
+        &ellipses_picture(linkage),
     )
+}
+
+/// Figures 8 and 9: force ellipses on the axis and over the workspace.
+pub(super) fn ellipses_picture(linkage: &SymmetricFiveBar) -> Figure {
+    let panels = vec![shapes_on_axis(linkage), shapes_over_workspace(linkage)];
+    Figure { columns: 2, panel_px: (560, 520), panels, title: String::new() }
 }
 
 fn shapes_on_axis(linkage: &SymmetricFiveBar) -> Panel {
