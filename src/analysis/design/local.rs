@@ -106,7 +106,8 @@ impl LocalIndices {
         posture: &Posture,
     ) -> Self {
         let (freedoms, actuators) = (mechanism.freedoms(), mechanism.actuators());
-        let columns = columns(&posture.reference, freedoms, actuators, mechanism.reach_m().1);
+        let length_m = moment_length_m(mechanism).unwrap_or(1.0);
+        let columns = columns(&posture.reference, freedoms, actuators, length_m);
         let (condition, product) = singular(&columns, freedoms);
         Self {
             rays: ray_indices(&posture.reference, actuators),
@@ -122,6 +123,12 @@ impl LocalIndices {
     pub fn class(&self) -> ConditionClass {
         ConditionClass::of(self.condition)
     }
+}
+
+/// What moments are divided by to be compared with forces: the furthest that the handle
+/// reaches. `None` where they do not count.
+pub fn moment_length_m(mechanism: &dyn Mechanism) -> Option<f64> {
+    (mechanism.freedoms() == 3).then(|| mechanism.reach_m().1)
 }
 
 /// P_a, P_f and the smallest beta of a reference matrix.

@@ -28,4 +28,4 @@ pub mod symmetric;
 
 pub use global::{GlobalIndices, turns_about_base};
 pub use grid::{Annulus, Grid, Mean, Place, Raster};
-pub use local::{ConditionClass, LocalIndices, RayIndices};
+pub use local::{ConditionClass, LocalIndices, RayIndices, moment_length_m};

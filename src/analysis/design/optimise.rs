@@ -96,7 +96,7 @@ impl DesignProblem {
         Annulus::area(least_m, most_m)
     }
 
-    /// Weighted sum of the means, or what failing costs.
+    /// Weighted mean of the means, or what failing costs: more, whatever the weights.
     pub fn cost(&self, variables: &Variables, radii: usize) -> f64 {
         let device = match build(&with_variables(&self.class, variables)) {
             Ok(device) => device,
@@ -107,7 +107,7 @@ impl DesignProblem {
         };
         let annulus = Annulus { radii, ..self.grid() };
         match means_about_base(&device, annulus) {
-            Ok([GP_a, GP_f]) => self.weights[0] * GP_a + self.weights[1] * GP_f,
+            Ok([GP_a, GP_f]) => self.share(0) * GP_a + self.share(1) * GP_f,
             Err((_, KinematicsError::NotFinite)) => 10.0 * INFEASIBLE,
             Err(_) => INFEASIBLE + SLOPE * missed_m(&device, annulus),
         }
@@ -118,6 +118,11 @@ impl DesignProblem {
         let parameters = with_variables(&self.class, variables);
         let [GP_a, GP_f] = means_about_base(&build(&parameters).ok()?, self.grid()).ok()?;
         Some(Design { parameters, GP_a, GP_f })
+    }
+
+    /// A weight over the sum of both.
+    fn share(&self, which: usize) -> f64 {
+        self.weights[which] / (self.weights[0] + self.weights[1])
     }
 
     /// The weighted sum of a design.
@@ -369,5 +374,20 @@ mod tests {
             design(5.2, 1.1),
         ]);
         assert_eq!(kept, [design(5.2, 1.0), design(5.3, 0.9)]);
+    }
+
+    #[test]
+    fn weights_count_by_their_ratio_alone() {
+        let shares = [0.35, 0.2, 0.6, 0.7, 0.4, 0.5];
+        let cost = |weights| {
+            let problem = DesignProblem::published(fixtures::CHO[1], weights);
+            problem.cost(&problem.bounds.at(&shares), 31)
+        };
+        assert!((cost([1.0, 10.0]) - cost([100.0, 1000.0])).abs() < 1e-9);
+        let best = variables_of(&fixtures::CHO[1]);
+        for weights in [[1000.0, 1.0], [0.0, 1000.0]] {
+            let problem = DesignProblem::published(fixtures::CHO[1], weights);
+            assert!(problem.cost(&best, 31) < INFEASIBLE);
+        }
     }
 }

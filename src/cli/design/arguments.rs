@@ -1,5 +1,6 @@
 //! Arguments that several design commands share: device, workspace, and where results go.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
@@ -142,7 +143,7 @@ pub struct Output {
     #[arg(long, value_name = "FILE")]
     pub csv: Option<PathBuf>,
     /// Write a picture; the name's ending, .svg or .png, tells as what
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = parse_picture)]
     pub out: Option<PathBuf>,
 }
 
@@ -151,7 +152,7 @@ impl Output {
     pub fn picture(&self, figure: impl FnOnce() -> Figure) -> anyhow::Result<()> {
         let Some(path) = &self.out else { return Ok(()) };
         figure().save(path)?;
-        eprintln!("hapticd: {} written", path.display());
+        written(path);
         Ok(())
     }
 
@@ -164,8 +165,22 @@ impl Output {
 /// Writes a text file and says so.
 pub fn write(path: &Path, text: &str) -> anyhow::Result<()> {
     std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
-    eprintln!("hapticd: {} written", path.display());
+    written(path);
     Ok(())
+}
+
+/// Says so, to whoever still listens.
+fn written(path: &Path) {
+    let _ = writeln!(std::io::stderr(), "hapticd: {} written", path.display());
+}
+
+/// Where a picture goes: refused before any work where its ending is none.
+fn parse_picture(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    match path.extension().and_then(|ending| ending.to_str()) {
+        Some("svg" | "png") => Ok(path),
+        _ => Err("must end in .svg or .png".into()),
+    }
 }
 
 /// Two numbers with a comma between.

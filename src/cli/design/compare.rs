@@ -1,5 +1,7 @@
 //! `hapticd design compare`: the indices of several devices side by side.
 
+use std::io::Write;
+
 use clap::Args;
 use serde_json::json;
 
@@ -31,6 +33,19 @@ pub struct Compare {
     output: Output,
 }
 
+/// Means over a part of a grid compare with nothing else.
+fn warn(name: &str, indices: &GlobalIndices) {
+    let missed = indices.unreachable + indices.singular;
+    if missed > 0 {
+        let _ = writeln!(
+            std::io::stderr(),
+            "hapticd: {name} misses {missed} of {} places, and its figures are those of the rest; \
+             --r and --grid choose others",
+            indices.places
+        );
+    }
+}
+
 impl Compare {
     /// Computes, prints, and writes.
     pub fn run(self) -> anyhow::Result<()> {
@@ -47,6 +62,9 @@ impl Compare {
         }
         let indices: Vec<GlobalIndices> =
             found.iter().map(|(indices, _)| indices.clone()).collect();
+        for (name, indices) in names.iter().zip(&indices) {
+            warn(name, indices);
+        }
         if self.output.json {
             let all = names.iter().zip(&indices).map(|(name, indices)| {
                 let mut object = table::object(indices);

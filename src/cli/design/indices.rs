@@ -8,7 +8,7 @@ use super::pictures::{histogram, largest_betas_deg, place_panel};
 use super::table;
 use crate::analysis::design::inscribed::{Circle, largest_circle};
 use crate::analysis::design::mobility::mobility_of;
-use crate::analysis::design::{GlobalIndices, LocalIndices, Raster};
+use crate::analysis::design::{GlobalIndices, LocalIndices, Raster, moment_length_m};
 use crate::config::DeviceDefinition;
 use crate::mechanism::{Mechanism, Posture, Rays};
 use crate::notation::PlaneVector;
@@ -110,6 +110,7 @@ impl Account<'_> {
             "mobility": mobility_of(mechanism.name()),
             "actuators": mechanism.actuators(),
             "reach_m": mechanism.reach_m(),
+            "moment_length_m": moment_length_m(mechanism),
             "largest_circle": circle,
             "workspaces": self.found.iter().map(table::object).collect::<Vec<_>>(),
         })
@@ -132,6 +133,7 @@ impl Account<'_> {
                 self.resolution_m
             );
         }
+        say_moments(mechanism);
         for (i, indices) in self.found.iter().enumerate() {
             say!("grid {}: {}", i + 1, indices.grid);
         }
@@ -139,6 +141,16 @@ impl Account<'_> {
             (1..=self.found.len()).map(|i| format!(" {:>22}", format!("grid {i}"))).collect();
         say!("{:<34}{heads}", "");
         table::text(self.found).iter().for_each(|line| say!("{line}"));
+    }
+}
+
+/// What the figures of a device that turns its handle mean.
+fn say_moments(mechanism: &dyn Mechanism) {
+    if let Some(length_m) = moment_length_m(mechanism) {
+        say!(
+            "K, Yoshikawa and worst force: moments over {length_m:.4} m; rays, GP and ellipses: \
+             forces alone"
+        );
     }
 }
 
@@ -180,6 +192,7 @@ fn local_json(
     all.insert("device".into(), json!(device.name.as_str()));
     all.insert("at_m".into(), json!([posture.p_BH.x, posture.p_BH.y]));
     all.insert("phi_rad".into(), json!(posture.p_BH.z));
+    all.insert("moment_length_m".into(), json!(moment_length_m(device.mechanism.as_ref())));
     all.insert("class".into(), json!(found.class().label()));
     let order = rays.map(|rays| rays.order().iter().map(ToString::to_string).collect::<Vec<_>>());
     all.insert("order".into(), json!(order));
@@ -200,6 +213,7 @@ fn say_local(
 ) {
     let p = posture.p_BH;
     say!("{}: handle at ({:.4}, {:.4}) m, {:.1} deg", device.name, p.x, p.y, p.z.to_degrees());
+    say_moments(device.mechanism.as_ref());
     if let Some(rays) = rays {
         let around: Vec<String> = (rays.order().iter().zip(rays.betas_rad()))
             .map(|(ray, beta)| format!("{ray} {:.1}", beta.to_degrees()))

@@ -80,6 +80,10 @@ impl Optimize {
     pub fn run(self) -> anyhow::Result<()> {
         let device = DeviceDefinition::load(&self.device)?;
         if device.mechanism.name() == "symmetric-five-bar" {
+            anyhow::ensure!(
+                self.pareto.is_none(),
+                "--pareto: a symmetric-five-bar is searched whole, by its one count"
+            );
             return synthesis::run(&device, &self.output, self.write.as_deref());
         }
         let Some(class) = five_bar_of(&device.parameters) else {

@@ -16,7 +16,11 @@ pub struct Row {
 
 /// The indices of a workspace, one by one.
 pub fn rows(indices: &GlobalIndices) -> Vec<Row> {
-    let row = |key, label, value| Row { key, label, value };
+    let reached = indices.places > indices.unreachable + indices.singular;
+    let row = |key, label, value: f64| {
+        let value = if reached { value } else { f64::NAN };
+        Row { key, label, value }
+    };
     let [least_beta, most_beta] = indices.beta_rad.map(f64::to_degrees);
     let [least_kg, most_kg] = indices.inertia_kg;
     let mut rows = vec![
@@ -33,6 +37,7 @@ pub fn rows(indices: &GlobalIndices) -> Vec<Row> {
         row("inertia_min_kg", "least inertia felt [kg]", least_kg),
         row("inertia_max_kg", "most inertia felt [kg]", most_kg),
     ];
+    let row = |key, label, value| Row { key, label, value };
     let keys =
         ["places_k_below_5", "places_k_below_10", "places_k_up_to_100", "places_k_above_100"];
     for ((key, class), count) in keys.into_iter().zip(ConditionClass::ALL).zip(indices.classes) {
@@ -111,6 +116,18 @@ mod tests {
         assert!(csv.lines().skip(2).all(|line| columns(line) == 3), "{csv}");
         assert_eq!(text(std::slice::from_ref(&found)).len(), rows(&found).len());
         assert_eq!(object(&found)["places_unreachable"], json!(0.0));
+    }
+
+    #[test]
+    fn where_nothing_is_reached_there_are_dashes_and_no_figures() {
+        let device = DeviceDefinition::load("kim-2003").unwrap();
+        let grid = Grid::Annulus(Annulus { radii: 4, bearings: 6, ..Annulus::polar(0.2, 0.5) });
+        let torque_Nm = &device.actuators.max_torque_Nm;
+        let found = GlobalIndices::over(device.mechanism.as_ref(), torque_Nm, &grid);
+        let rows = rows(&found);
+        let known = |row: &&Row| row.value.is_finite();
+        assert!(rows.iter().filter(known).all(|row| row.key.starts_with("places")));
+        assert_eq!((found.places, object(&found)["worst_condition"].is_null()), (24, true));
     }
 
     #[test]
