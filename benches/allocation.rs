@@ -1,4 +1,5 @@
-//! Time of the allocation alone, beside exhaustive search: promise 12 of SPECIFICATION.
+//! Time of the allocation alone, beside exhaustive search and beside a general solver
+//! (Clarabel, an interior-point method): promise 12 of SPECIFICATION.
 //!
 //! Four brakes: postures over the workspace of `cho-2005`, moving or nearly at rest, any
 //! desired force. Six motors: any reference matrix with three freedoms. Exhaustive search is
@@ -6,15 +7,18 @@
 
 #![allow(non_snake_case)]
 
+#[path = "allocation/clarabel.rs"]
+mod by_clarabel;
 mod measure;
 
 use std::f64::consts::TAU;
 use std::hint::black_box;
 use std::time::Duration;
 
+use by_clarabel::Clarabel;
 use hapticd::actuation::{
-    ActuatorKind, Bounds, Capability, Handle, ShaftMotion, WallDemand, nearest_reference, optimal,
-    predicted_velocity,
+    ActuatorKind, Bounds, Capability, Handle, LawState, ShaftMotion, Shafts, Strategy, WallDemand,
+    Wanted, allocate, nearest_reference, optimal, predicted_velocity,
 };
 use hapticd::config::DeviceDefinition;
 use hapticd::notation::{
@@ -48,6 +52,7 @@ fn main() {
     let optimum = |case: &Case| optimal(&case.capability, black_box(&case.desired)).torque_Nm;
     let search = searched("exhaustive search", &brakes[..rounds(1_000)]);
     let best = repeated("optimal", &brakes, passes, optimum);
+    let general = general_solver(&brakes[..rounds(1_000)]);
     let nearest = repeated("nearest-reference", &brakes, passes, |case| {
         let Case { capability, handle, desired, .. } = case;
         nearest_reference(capability, black_box(desired), &handle.velocity).raw_torque_Nm
@@ -55,22 +60,40 @@ fn main() {
     let wall = repeated("predicted-velocity", &brakes, passes, |case| {
         predicted_velocity(&case.capability, &case.handle, black_box(&case.walls)).torque_Nm
     });
-    let rows = best.iter().chain(&nearest).chain(&wall).chain([&search, &clock]);
+    // The law and its observer, in their second tick at the wall.
+    let states: Vec<LawState> =
+        brakes.iter().map(|case| slid(case, LawState::default()).1).collect();
+    let started: Vec<_> = brakes.iter().zip(&states).collect();
+    let slide = repeated("sliding, whole", &started, passes, |(case, state)| {
+        slid(black_box(case), **state).0
+    });
+    let walls = wall.iter().chain(&slide);
+    let rows = best.iter().chain(&nearest).chain(walls).chain([&search, &general, &clock]);
     print_table("four brakes, two freedoms", &search, rows);
 
     let search = searched("exhaustive search", &motors[..rounds(100)]);
     let best = repeated("optimal", &motors, passes, optimum);
-    let rows = best.iter().chain([&search, &clock]);
+    let general = general_solver(&motors[..rounds(1_000)]);
+    let rows = best.iter().chain([&search, &general, &clock]);
     print_table("six motors, three freedoms", &search, rows);
+}
+
+/// One tick of `sliding`, from a state to the next.
+fn slid(case: &Case, mut state: LawState) -> (ActuatorVector, LawState) {
+    let Case { capability, handle, walls, .. } = case;
+    let wanted = Wanted { soft: PlaneVector::zeros(), walls };
+    let shafts = Shafts::IDEAL;
+    let told = allocate(Strategy::Sliding, capability, handle, &wanted, &shafts, &mut state);
+    (told.torque_Nm, state)
 }
 
 /// Every problem many times: all calls, and of each problem the fastest, which shows what the
 /// algorithm takes where the machine does not interfere.
-fn repeated(
+fn repeated<T>(
     name: &str,
-    cases: &[Case],
+    cases: &[T],
     passes: usize,
-    law: impl Fn(&Case) -> ActuatorVector,
+    law: impl Fn(&T) -> ActuatorVector,
 ) -> [Series; 2] {
     let mut series = Series::new(name);
     let mut best = vec![Duration::MAX; cases.len()];
@@ -98,6 +121,24 @@ fn searched(name: &str, cases: &[Case]) -> Series {
         let reached = (matrix * found - target).norm();
         assert!((reached - distance).abs() <= tolerance, "{reached} for {distance}");
         assert!(found.norm() <= length + 1e-6 * (1.0 + length), "{} for {length}", found.norm());
+    }
+    series
+}
+
+/// The time of Clarabel, and its distances held against those of `optimal`: never nearer, and
+/// as near as an interior-point method gets.
+fn general_solver(cases: &[Case]) -> Series {
+    let mut series = Series::new("Clarabel, kept and updated");
+    let mut solver = Clarabel::new(cases[0].capability.actuators);
+    for Case { capability, desired, .. } in cases {
+        let problem @ (matrix, target) = scaled(capability, desired);
+        let Bounds { lower_Nm, upper_Nm } = &capability.bounds;
+        let torque_Nm = series.time(|| solver.solve(black_box(&problem), (lower_Nm, upper_Nm)));
+        let ours_N = (matrix * optimal(capability, desired).torque_Nm - target).norm();
+        let theirs_N = (matrix * torque_Nm - target).norm();
+        let most_N = target.norm();
+        assert!(theirs_N > ours_N - 1e-5 * (1.0 + most_N), "{theirs_N} beats {ours_N}");
+        assert!(theirs_N < ours_N + 1e-2 * (1.0 + most_N), "{theirs_N} for {ours_N}");
     }
     series
 }

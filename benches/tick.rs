@@ -65,6 +65,16 @@ fn main() {
     let clock = clock_alone();
     let rows = rows.iter().flatten().chain([&paced, &unit, &clock]);
     print_table("one tick of cho-2005", &unit, rows);
+    for name in ["kim-2003", "singh", "singh-brakes", "two-link"] {
+        let mut unit = Series::new("one posture from shafts");
+        let demo = || Experiment::demo_of(name);
+        let rows = [
+            measured("free air", &demo, ticks, in_free_air, &mut unit),
+            measured("its wall", &demo, ticks, touching, &mut unit),
+        ];
+        let rows = rows.iter().flatten().chain([&unit, &clock]);
+        print_table(&format!("one tick of {name}"), &unit, rows);
+    }
 }
 
 /// The ticks that count of the same run, several times over: all of them, and of each its
@@ -118,6 +128,10 @@ fn paced(
 
 fn in_free_air(report: &Report) -> bool {
     report.contact_count == 0
+}
+
+fn touching(report: &Report) -> bool {
+    report.contact_count > 0
 }
 
 fn at_rest(report: &Report) -> bool {

@@ -74,8 +74,28 @@ impl Experiment {
     /// A `cho-2005` at rest in its starting place.
     pub fn new(hand: HandProgram, scene: Box<[SceneItem]>, contacts: &[Contact]) -> Self {
         let definition = DeviceDefinition::load("cho-2005").expect("a built-in device");
+        Self::of(&definition, hand, scene, contacts)
+    }
+
+    /// Any device, and the wall of its demo streamed to it.
+    pub fn demo_of(name: &str) -> Self {
+        let definition = DeviceDefinition::load(name).expect("a built-in device");
+        let hand = HandProgram::default();
+        let demo = definition.demo_wall(hand);
+        let mut surface = plane(Vector3::new(demo.x_m, 0.0, 0.0), -Vector3::x(), 0.0);
+        surface.material.stiffness_N_per_m = demo.stiffness_N_per_m;
+        let contact = Contact { id: 1, revision: 1, surface };
+        Self::of(&definition, hand, scene([]), &[contact])
+    }
+
+    fn of(
+        definition: &DeviceDefinition,
+        hand: HandProgram,
+        scene: Box<[SceneItem]>,
+        contacts: &[Contact],
+    ) -> Self {
         let device = SimulatedDevice::new(definition.simulation(hand), 1).expect("a good start");
-        let plan = Plan { scene, ..build_plan(&definition, &Scene::default()) };
+        let plan = Plan { scene, ..build_plan(definition, &Scene::default()) };
         let mut setpoint = Setpoint::NONE.with_contacts(contacts);
         setpoint.epoch = 1;
         setpoint.ttl_ns = definition.tick_ns;
