@@ -42,7 +42,10 @@ pub fn optimal_weighted(
 }
 
 /// Moments in units of force, and nothing in the rows that do not count.
-fn scaled(capability: &Capability, desired: &PlaneVector) -> (ReferenceMatrix, PlaneVector) {
+pub(super) fn scaled(
+    capability: &Capability,
+    desired: &PlaneVector,
+) -> (ReferenceMatrix, PlaneVector) {
     let share = if capability.freedoms > 2 { 1.0 / capability.moment_length_m } else { 0.0 };
     let (mut matrix, mut target) = (capability.reference, *desired);
     matrix.row_mut(2).scale_mut(share);
