@@ -36,10 +36,9 @@ pub fn path_following(
     walls: &[WallDemand],
 ) -> Allocation {
     let released = capability.allocation(ActuatorVector::zeros());
-    let Some(mobility) = Mobility::of(&handle.inertia, capability.freedoms) else {
+    let Some((mobility, ahead)) = Mobility::ahead(handle, capability.freedoms) else {
         return released;
     };
-    let ahead = mobility.ahead(handle);
     let missing = |wall: &WallDemand| (wall.depth_m - LAYER_M) / RETURN_S - ahead.dot(&wall.normal);
     let asking = walls.iter().filter(|wall| wall.force_N > 0.0);
     let Some(wall) = asking.max_by(|a, b| missing(a).total_cmp(&missing(b))) else {

@@ -71,10 +71,12 @@ impl Mobility {
         self.inverse * force
     }
 
-    /// Where the handle is about to go: an unknown hand force counts as none.
-    pub(super) fn ahead(&self, handle: &Handle) -> PlaneVector {
+    /// The same of a handle, and where it is about to go: an unknown hand force counts as none.
+    pub(super) fn ahead(handle: &Handle, freedoms: usize) -> Option<(Self, PlaneVector)> {
+        let mobility = Self::of(&handle.inertia, freedoms)?;
         let hand = handle.hand_force.unwrap_or_else(PlaneVector::zeros);
-        handle.velocity + self.give(&hand) * handle.tick_s
+        let ahead = handle.velocity + mobility.give(&hand) * handle.tick_s;
+        Some((mobility, ahead))
     }
 
     /// What is left of `motion` when nothing can move along `ray`.
@@ -92,10 +94,9 @@ pub fn predicted_velocity(
     walls: &[WallDemand],
 ) -> Allocation {
     let released = capability.allocation(ActuatorVector::zeros());
-    let Some(mobility) = Mobility::of(&handle.inertia, capability.freedoms) else {
+    let Some((mobility, ahead)) = Mobility::ahead(handle, capability.freedoms) else {
         return released;
     };
-    let ahead = mobility.ahead(handle);
     let into = |wall: &&WallDemand| wall.force_N > 0.0 && ahead.dot(&wall.normal) < 0.0;
     let pressed = walls.iter().filter(into).min_by(|a, b| {
         let depth = |wall: &WallDemand| ahead.dot(&wall.normal);

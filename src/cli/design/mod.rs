@@ -6,6 +6,7 @@
 mod arguments;
 mod compare;
 mod ellipses;
+mod found_file;
 mod indices;
 mod map;
 mod optimize;

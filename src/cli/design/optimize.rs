@@ -6,6 +6,7 @@ use clap::{Args, ValueEnum};
 use serde_json::{Map, Value, json};
 
 use super::arguments::{Output, Workspace, parse_pair, progress_bar, write};
+use super::found_file::{device_file, parse_path};
 use super::{pictures, synthesis};
 use crate::analysis::design::Grid;
 use crate::analysis::design::linkages::{DesignBounds, NAMES, five_bar_of, variables_of};
@@ -67,7 +68,7 @@ pub struct Optimize {
         value_parser = clap::value_parser!(u16).range(2..=100))]
     pareto: Option<u16>,
     /// Write the design as a device file that `serve` takes
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = parse_path)]
     write: Option<PathBuf>,
     #[command(flatten)]
     workspace: Workspace,
@@ -109,17 +110,16 @@ impl Optimize {
             );
         };
         let given = problem.evaluate(&variables_of(&class));
+        let outcome = Outcome { device: &device, problem, found, given, front };
         if self.output.json {
-            say!("{}", self.account(&device, &problem, &found, given.as_ref(), front.as_deref()));
+            say!("{}", outcome.json(&self));
         } else {
-            self.print(&device, &problem, &found, given.as_ref(), front.as_deref());
+            outcome.print();
         }
-        let listed = front.clone().unwrap_or_else(|| vec![found]);
-        self.output.table(|| csv(&listed))?;
-        self.output
-            .picture(|| picture(&device, &problem, &found, given.as_ref(), front.as_deref()))?;
+        self.output.table(|| csv(outcome.front.as_deref().unwrap_or(&[found])))?;
+        self.output.picture(|| outcome.picture())?;
         match &self.write {
-            Some(path) => write(path, &device_file(&device, &found)?),
+            Some(path) => write(path, &file_of(&device, &found)?),
             None => Ok(()),
         }
     }
@@ -145,21 +145,28 @@ impl Optimize {
         };
         Effort { method, starts: self.starts.into(), radii: 31, seed: self.seed }
     }
+}
 
-    fn account(
-        &self,
-        device: &DeviceDefinition,
-        problem: &DesignProblem,
-        found: &Design,
-        given: Option<&Design>,
-        front: Option<&[Design]>,
-    ) -> Value {
+/// What came of a search.
+struct Outcome<'a> {
+    device: &'a DeviceDefinition,
+    problem: DesignProblem,
+    found: Design,
+    /// The device's own design, where it reaches the workspace.
+    given: Option<Design>,
+    /// Where one was asked for.
+    front: Option<Vec<Design>>,
+}
+
+impl Outcome<'_> {
+    fn json(&self, search: &Optimize) -> Value {
+        let Self { device, problem, found, given, front } = self;
         let mut all = design_json(found);
         let mut put = |key: &str, value| drop(all.insert(key.into(), value));
         put("device", json!(device.name.as_str()));
-        put("method", json!(format!("{:?}", self.method).to_lowercase()));
-        put("seed", json!(self.seed));
-        put("starts", json!(self.starts));
+        put("method", json!(format!("{:?}", search.method).to_lowercase()));
+        put("seed", json!(search.seed));
+        put("starts", json!(search.starts));
         put("weights", json!({ "gp_a": problem.weights[0], "gp_f": problem.weights[1] }));
         put("utility", json!(problem.utility(found)));
         put(
@@ -168,21 +175,15 @@ impl Optimize {
             "r_m": problem.workspace_m, "l5_m": problem.class.l_m[4] }),
         );
         put("grid", json!(Grid::Annulus(problem.grid()).to_string()));
-        put("given", json!(given.map(design_json)));
+        put("given", json!(given.as_ref().map(design_json)));
         if let Some(front) = front {
             put("pareto", front.iter().map(design_json).collect::<Vec<_>>().into());
         }
         all.into()
     }
 
-    fn print(
-        &self,
-        device: &DeviceDefinition,
-        problem: &DesignProblem,
-        found: &Design,
-        given: Option<&Design>,
-        front: Option<&[Design]>,
-    ) {
+    fn print(&self) {
+        let Self { device, problem, found, given, front } = self;
         let ([a, f], [l_least, l_most], [k_least, k_most]) =
             (problem.weights, problem.bounds.l_m, problem.bounds.k);
         say!("grid: {}", Grid::Annulus(problem.grid()));
@@ -195,9 +196,28 @@ impl Optimize {
             say!("{:<10} {}", device.name, line(given));
         }
         say!("{:<10} {}", "found", line(found));
-        for design in front.unwrap_or_default() {
+        for design in front.iter().flatten() {
             say!("{:<10} {}", "front", line(design));
         }
+    }
+
+    /// The front where there is one, otherwise the histograms before and after.
+    fn picture(&self) -> Figure {
+        let name = self.device.name.as_str();
+        if let Some(front) = &self.front {
+            let given = self.given.map(|design| (name, design));
+            return Figure::single(front_panel(front, &[("found", self.found)], given));
+        }
+        let grid = Grid::Annulus(self.problem.grid());
+        let betas = |design: &Design| {
+            let linkage = crate::analysis::design::linkages::build(&design.parameters).ok()?;
+            Some(pictures::largest_betas_deg(&linkage, &grid))
+        };
+        let designs = [(name, self.given), ("found", Some(self.found))];
+        let all: Vec<_> = (designs.into_iter())
+            .filter_map(|(name, design)| Some((name, betas(&design?)?)))
+            .collect();
+        Figure::single(pictures::histogram("Largest beta over the workspace", &all))
     }
 }
 
@@ -236,31 +256,6 @@ fn csv(designs: &[Design]) -> String {
     format!("gp_a,gp_f,{},l5_m\n{lines}", NAMES.join(","))
 }
 
-/// The front where there is one, otherwise the histograms before and after.
-fn picture(
-    device: &DeviceDefinition,
-    problem: &DesignProblem,
-    found: &Design,
-    given: Option<&Design>,
-    front: Option<&[Design]>,
-) -> Figure {
-    if let Some(front) = front {
-        return Figure::single(front_panel(
-            front,
-            &[("found", *found)],
-            given.map(|design| (device.name.as_str(), *design)),
-        ));
-    }
-    let betas = |design: &Design| {
-        let linkage = crate::analysis::design::linkages::build(&design.parameters).ok()?;
-        Some(pictures::largest_betas_deg(&linkage, &Grid::Annulus(problem.grid())))
-    };
-    let designs = [(device.name.as_str(), given), ("found", Some(found))];
-    let all: Vec<_> =
-        (designs.into_iter()).filter_map(|(name, design)| Some((name, betas(design?)?))).collect();
-    Figure::single(pictures::histogram("Largest beta over the workspace", &all))
-}
-
 /// Mean P_f over mean P_a: a front, and designs beside it.
 pub fn front_panel(
     front: &[Design],
@@ -296,32 +291,18 @@ fn with_headroom(label: &str, values: impl Iterator<Item = f64>) -> Axis {
     Axis::between(label, least - 0.05 * span, most + 0.35 * span)
 }
 
-/// The given device's file with the found lengths and ratios. What its author wrote in
-/// comments does not survive; what it means does.
-fn device_file(device: &DeviceDefinition, found: &Design) -> anyhow::Result<String> {
-    let mut file: toml::Table = device.text.parse()?;
-    let FiveBarParameters { l_m, k3, k4, .. } = found.parameters;
-    let description = format!(
-        "Five-bar found from {} (GP_a {:.4}, GP_f {:.4})",
-        device.name, found.GP_a, found.GP_f
-    );
-    file.insert("description".into(), description.into());
-    if let Some(mechanism) = file.get_mut("mechanism").and_then(toml::Value::as_table_mut) {
-        mechanism.insert("l_m".into(), l_m.to_vec().into());
-        mechanism.insert("k3".into(), k3.into());
-        mechanism.insert("k4".into(), k4.into());
-    }
-    let text = format!(
+/// The given device with the found lengths and ratios.
+fn file_of(device: &DeviceDefinition, found: &Design) -> anyhow::Result<String> {
+    let Design { parameters: FiveBarParameters { l_m, k3, k4, .. }, GP_a, GP_f } = *found;
+    let comment = format!(
         "# A five-bar found by `hapticd design optimize` from {}: mean indices over the\n# \
-         area-uniform workspace GP_a = {}, GP_f = {}.\n\n{}",
-        device.name,
-        found.GP_a,
-        found.GP_f,
-        toml::to_string(&file)?
+         area-uniform workspace GP_a = {GP_a}, GP_f = {GP_f}.",
+        device.name
     );
-    // Nobody is left with a file that no server takes.
-    DeviceDefinition::from_toml("found", &text, "the found design")?;
-    Ok(text)
+    let description =
+        format!("Five-bar found from {} (GP_a {GP_a:.4}, GP_f {GP_f:.4})", device.name);
+    let values = [("l_m", l_m.to_vec().into()), ("k3", k3.into()), ("k4", k4.into())];
+    device_file(device, &comment, Some(description), values)
 }
 
 #[cfg(test)]
@@ -334,7 +315,7 @@ mod tests {
         let mut parameters = five_bar_of(&device.parameters).unwrap();
         (parameters.l_m[1], parameters.k3) = (0.181, 0.3333);
         let found = Design { parameters, GP_a: 5.0, GP_f: 0.9 };
-        let text = device_file(&device, &found).unwrap();
+        let text = file_of(&device, &found).unwrap();
         let read = DeviceDefinition::from_toml("mine", &text, "mine.toml").unwrap();
         assert_eq!(five_bar_of(&read.parameters), Some(parameters));
         assert_eq!(read.actuators, device.actuators);

@@ -5,6 +5,7 @@ use std::path::Path;
 use serde_json::{Value, json};
 
 use super::arguments::{Output, write};
+use super::found_file::device_file;
 use crate::analysis::design::ConditionClass;
 use crate::analysis::design::symmetric::{Candidate, CountGrid, search, table_1};
 use crate::config::DeviceDefinition;
@@ -54,7 +55,7 @@ pub fn run(device: &DeviceDefinition, output: &Output, file: Option<&Path>) -> a
     }
     output.table(|| csv(&found))?;
     output.picture(|| Figure::single(circle_panel(&found)))?;
-    file.map_or(Ok(()), |path| write(path, &device_file(device, &best)?))
+    file.map_or(Ok(()), |path| write(path, &file_of(device, &best)?))
 }
 
 fn design_json(one: &Candidate) -> Value {
@@ -94,22 +95,14 @@ fn csv(found: &[Candidate]) -> String {
     format!("a1_cm,a2_cm,a3_cm,above_5,below_5,below_10,up_to_100,above_100,edge\n{lines}")
 }
 
-/// The given device's file with the best lengths.
-fn device_file(device: &DeviceDefinition, best: &Candidate) -> anyhow::Result<String> {
-    let mut file: toml::Table = device.text.parse()?;
+/// The given device with the best lengths.
+fn file_of(device: &DeviceDefinition, best: &Candidate) -> anyhow::Result<String> {
+    let comment =
+        format!("# A symmetric five-bar found by `hapticd design optimize` from {}.", device.name);
     let lengths = best.lengths;
-    if let Some(mechanism) = file.get_mut("mechanism").and_then(toml::Value::as_table_mut) {
-        for (key, cm) in [("a1_m", lengths.a1), ("a2_m", lengths.a2), ("a3_m", lengths.a3)] {
-            mechanism.insert(key.into(), (cm * M_PER_CM).into());
-        }
-    }
-    let text = format!(
-        "# A symmetric five-bar found by `hapticd design optimize` from {}.\n\n{}",
-        device.name,
-        toml::to_string(&file)?
-    );
-    DeviceDefinition::from_toml("found", &text, "the found design")?;
-    Ok(text)
+    let lengths_cm = [("a1_m", lengths.a1), ("a2_m", lengths.a2), ("a3_m", lengths.a3)];
+    let values = lengths_cm.map(|(key, cm)| (key, (cm * M_PER_CM).into()));
+    device_file(device, &comment, None, values)
 }
 
 #[cfg(test)]
@@ -120,7 +113,7 @@ mod tests {
     fn the_best_design_is_a_device_that_can_be_loaded() {
         let device = DeviceDefinition::load("singh").unwrap();
         let best = search(&table_1(), &CountGrid::STATED)[0];
-        let text = device_file(&device, &best).unwrap();
+        let text = file_of(&device, &best).unwrap();
         let read = DeviceDefinition::from_toml("mine", &text, "mine.toml").unwrap();
         let number = |key: &str| read.parameters.iter().find(|(name, _)| name == key).unwrap().1;
         for (key, m) in [("a1_m", 0.10), ("a2_m", 0.15), ("a3_m", 0.03)] {

@@ -107,7 +107,7 @@ pub struct Wall {
     pub along: [AlongWall; 2],
     /// Mean drag per newton of press where both devices have one: before, after.
     pub common_drag: [f64; 2],
-    /// y where R1+ would be [`GAMMA_MAX_DEG`] off the normal.
+    /// y where R1+ would be as far as the page allows off the normal.
     pub gamma_max_y_m: Option<f64>,
     /// Figure 11: paths of brakes 2 and 3 locked lead out of the wall.
     pub out: [bool; 2],
