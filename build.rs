@@ -20,6 +20,9 @@ const PROTOS: [&str; 10] = [
     "proto/hapticd/v1/record.proto",
 ];
 
+/// Rare and large beside the others of its message.
+const BOXED: &str = ".hapticd.v1.Welcome.example_wall";
+
 fn main() -> Result<(), Box<dyn Error>> {
     println!("cargo:rerun-if-changed=proto");
     println!("cargo:rerun-if-changed=build.rs");
@@ -33,12 +36,13 @@ fn main() -> Result<(), Box<dyn Error>> {
 fn generate(descriptors: prost_types::FileDescriptorSet) -> Result<(), Box<dyn Error>> {
     tonic_prost_build::configure()
         .build_server(env::var_os("CARGO_FEATURE_NET").is_some())
+        .boxed(BOXED)
         .compile_fds(descriptors)?;
     Ok(())
 }
 
 #[cfg(not(feature = "client"))]
 fn generate(descriptors: prost_types::FileDescriptorSet) -> Result<(), Box<dyn Error>> {
-    prost_build::Config::new().compile_fds(descriptors)?;
+    prost_build::Config::new().boxed(BOXED).compile_fds(descriptors)?;
     Ok(())
 }

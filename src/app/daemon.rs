@@ -201,6 +201,7 @@ fn session_config(config: &ServerConfig, device: &ReadyDevice, grpc_port: u16) -
         max_age_ms: config.session.max_age_ms,
         max_ttl_ms: config.session.max_ttl_ms,
         grpc_port,
+        example_wall: Some(device.example_wall()),
         utc_minus_device_ns: (utc_ns as i64).wrapping_sub(now_ns() as i64),
         ..SessionConfig::new(
             name.as_str(),

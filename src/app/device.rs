@@ -6,18 +6,21 @@ use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::thread::JoinHandle;
 
 use anyhow::Context;
+use nalgebra::Vector3;
 use rustix::event::{EventfdFlags, eventfd};
 
 use crate::archive::{Archive, Keeper};
-use crate::config::{DeviceDefinition, Scene, SceneFile, ServedDevice, StateDir, build_plan};
-use crate::control::{ControlState, Mode, Record, Setpoint};
+use crate::config::{
+    DemoWall, DeviceDefinition, Scene, SceneFile, ServedDevice, StateDir, build_plan,
+};
+use crate::control::{ControlState, Mode, Mount, Record, Setpoint};
 use crate::device::{HandProgram, Pointer, PointerInput, SimulatedDevice};
 use crate::host::DeviceHost;
 use crate::link::bridge;
 use crate::net::StreamDevice;
 use crate::recording::{BlackBox, Recorder};
 use crate::rt::{self, Cycle, Right, RtConfig, RtHandle};
-use crate::session::SessionConfig;
+use crate::session::{ExampleWall, SessionConfig};
 use crate::telemetry::{
     self, DeviceMetrics, LatestReport, RoundTrips, RunFigures, RunSummary, Telemetry,
 };
@@ -35,6 +38,8 @@ pub(super) struct ReadyDevice {
     scene_file: SceneFile,
     device: SimulatedDevice,
     pointer: Option<PointerInput>,
+    /// Where `served.hand` looks for it.
+    wall: DemoWall,
 }
 
 impl ReadyDevice {
@@ -55,7 +60,18 @@ impl ReadyDevice {
             device.follow(pointer);
             input
         });
-        Ok(Self { definition, scene, scene_file, device, pointer })
+        let wall = definition.demo_wall(served.hand);
+        Ok(Self { definition, scene, scene_file, device, pointer, wall })
+    }
+
+    /// What a client may try first: the wall of the experiment.
+    pub fn example_wall(&self) -> ExampleWall {
+        let Mount { p_WB_m, q_WB } = self.definition.mount;
+        ExampleWall {
+            point_W_m: p_WB_m + q_WB * Vector3::new(self.wall.x_m, 0.0, 0.0),
+            normal_W: q_WB * -Vector3::x(),
+            stiffness_N_per_m: self.wall.stiffness_N_per_m,
+        }
     }
 
     /// Whether a session can pull its handle.
@@ -71,7 +87,7 @@ impl ReadyDevice {
         black_box_s: f64,
     ) -> anyhow::Result<(ConnectedDevice, StreamDevice)> {
         let takes_hands = self.takes_hands();
-        let Self { definition, scene, scene_file, device, pointer } = self;
+        let Self { definition, scene, scene_file, device, pointer, .. } = self;
         let name = definition.name.as_str();
         let (rights, metrics) = (telemetry.device(name), telemetry.device(name));
         let (rt_end, link, records, supervisor) = bridge(&Setpoint::NONE);

@@ -12,7 +12,7 @@ use clap::{Args, Subcommand};
 use super::format::parse_seconds;
 use super::view;
 use crate::app::{Daemon, Logs, Start, init_log};
-use crate::config::{DemoWall, LogLevel, ServedDevice, ServerConfig};
+use crate::config::{LogLevel, ServedDevice, ServerConfig};
 use crate::device::HandProgram;
 use crate::telemetry::RunFigures;
 
@@ -90,7 +90,7 @@ impl Wall {
         let mut daemon = Daemon::start(&config, Start { or_free_ports: true })?;
         announce(&daemon, &logs);
         let wall = daemon.devices()[0].host().definition().demo_wall(self.hand);
-        let mut scene = Scene::start(&daemon, &wall)?;
+        let mut scene = Scene::start(&daemon)?;
         let until = self.seconds.map(|seconds| Instant::now() + seconds);
         let live = !self.json && std::io::stdout().is_terminal();
         if live {
@@ -137,13 +137,11 @@ struct Scene {
 }
 
 impl Scene {
-    fn start(daemon: &Daemon, wall: &DemoWall) -> anyhow::Result<Self> {
+    fn start(daemon: &Daemon) -> anyhow::Result<Self> {
         let program = std::env::current_exe().context("cannot find this program")?;
         let stderr = tempfile::tempfile().context("no file for what the scene says")?;
         let child = Command::new(program)
             .args(["scene", "wall", "--connect", &daemon.connect_string().to_string()])
-            .args(["--x", &wall.x_m.to_string()])
-            .args(["--stiffness", &wall.stiffness_N_per_m.to_string()])
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(stderr.try_clone()?)

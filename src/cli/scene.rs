@@ -24,7 +24,8 @@ enum Which {
     Wall(Wall),
 }
 
-/// The wall of Cho 2005: x = 0.3 m, felt from the side of smaller x, 1e7 N/m.
+/// A wall across the device's workspace, as stiff as the device takes it; that of Cho 2005, at
+/// x = 0.3 m with 1e7 N/m, on the devices of that paper.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   hapticd scene wall --connect 127.0.0.1:7351 --seconds 30
@@ -42,12 +43,13 @@ struct Wall {
     /// End after this time; without it, at Ctrl-C
     #[arg(long, value_name = "N", value_parser = parse_seconds, allow_negative_numbers = true)]
     seconds: Option<Duration>,
-    /// Where the wall stands, metres
-    #[arg(long, default_value_t = WALL_X_M, allow_negative_numbers = true)]
-    x: f32,
-    /// Its stiffness, N/m
-    #[arg(long, default_value_t = 1e7, allow_negative_numbers = true)]
-    stiffness: f32,
+    /// Where the wall stands, metres: felt from the side of smaller x; without it, where the
+    /// server proposes one
+    #[arg(long, allow_negative_numbers = true)]
+    x: Option<f32>,
+    /// Its stiffness, N/m; without it, what the server proposes for the device
+    #[arg(long, allow_negative_numbers = true)]
+    stiffness: Option<f32>,
     /// Its damping, N s/m
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     damping: f32,
@@ -55,9 +57,6 @@ struct Wall {
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     friction: f32,
 }
-
-/// Where the wall of the experiment stands, metres (Cho 2005, section 8.1).
-const WALL_X_M: f32 = 0.3;
 
 /// A wall holds this long without a newer command; a scene that hangs loses it soon.
 const TTL_MS: u32 = 100;
@@ -84,8 +83,11 @@ impl Scene {
 impl Wall {
     /// A server does not answer a bad command: what is wrong is said before there is one.
     fn check(&self) -> Result<(), FieldError> {
-        units::POSITION.check("--x", self.x.into())?;
-        units::STIFFNESS.check("--stiffness", self.stiffness.into())?;
+        let said =
+            [("--x", self.x, units::POSITION), ("--stiffness", self.stiffness, units::STIFFNESS)];
+        for (name, value, range) in said {
+            value.map_or(Ok(0.0), |value| range.check(name, value.into()))?;
+        }
         units::DAMPING.check("--damping", self.damping.into())?;
         units::FRICTION.check("--friction", self.friction.into())?;
         Ok(())
@@ -105,7 +107,8 @@ impl Wall {
             }
         };
         let device = client.welcome().device.clone();
-        eprintln!("scene wall: commanding {device}, wall at x = {} m", self.x);
+        let contact = self.contact(client.welcome().example_wall.as_deref().cloned())?;
+        eprintln!("scene wall: commanding {device}, {}", described(&contact));
         let seconds = self.seconds;
         let over = async {
             tokio::select! {
@@ -120,7 +123,7 @@ impl Wall {
                 biased;
                 incoming = client.next() => match incoming {
                     Ok(Incoming::State(state)) => {
-                        match client.send_contacts(state.seq, TTL_MS, vec![self.contact()]) {
+                        match client.send_contacts(state.seq, TTL_MS, vec![contact.clone()]) {
                             Ok(_) => commands += 1,
                             // Why is heard next.
                             Err(ClientError::Lost(_)) => {}
@@ -147,18 +150,38 @@ impl Wall {
         Ok(())
     }
 
-    fn contact(&self) -> Contact {
-        let half_space =
-            HalfSpaceContact { point_m: vec![self.x, 0.0, 0.0], normal: vec![-1.0, 0.0, 0.0] };
-        Contact {
-            id: 1,
-            revision: 1,
-            shape: Some(Shape::HalfSpace(half_space)),
-            stiffness_n_per_m: self.stiffness,
-            damping_ns_per_m: self.damping,
-            kinetic_friction: self.friction,
-            blend_ms: if self.stiffness < STIFF_N_PER_M { BLEND_MS } else { 0 },
-            ..Contact::default()
+    /// The wall that the server proposes, but for what was said of it.
+    fn contact(&self, proposed: Option<Contact>) -> anyhow::Result<Contact> {
+        let mut contact = match (proposed, self.x) {
+            (Some(contact), None) => contact,
+            (None, None) => anyhow::bail!("the server proposes no wall: say where with --x"),
+            (proposed, Some(x)) => {
+                let half_space =
+                    HalfSpaceContact { point_m: vec![x, 0.0, 0.0], normal: vec![-1.0, 0.0, 0.0] };
+                let shape = Some(Shape::HalfSpace(half_space));
+                Contact { id: 1, revision: 1, shape, ..proposed.unwrap_or_default() }
+            }
+        };
+        if let Some(stiffness) = self.stiffness {
+            contact.stiffness_n_per_m = stiffness;
+            contact.blend_ms = if stiffness < STIFF_N_PER_M { BLEND_MS } else { 0 };
+        }
+        (contact.damping_ns_per_m, contact.kinetic_friction) = (self.damping, self.friction);
+        Ok(contact)
+    }
+}
+
+fn described(wall: &Contact) -> String {
+    let stiffness = wall.stiffness_n_per_m;
+    let Some(Shape::HalfSpace(HalfSpaceContact { point_m, normal })) = &wall.shape else {
+        return format!("a wall of {stiffness:.0} N/m");
+    };
+    match (point_m.first(), *normal == [-1.0, 0.0, 0.0]) {
+        (Some(x), true) => {
+            format!("wall at x = {} m of {stiffness:.0} N/m", (x * 1e4).round() / 1e4)
+        }
+        _ => {
+            format!("wall through {point_m:.4?} m with normal {normal:.4?}, of {stiffness:.0} N/m")
         }
     }
 }

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use nalgebra::Vector3;
+
 /// How a client is connected: a label of metrics, no difference in behaviour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Transport {
@@ -96,6 +98,19 @@ pub struct SessionConfig {
     pub grpc_port: u16,
     /// UTC minus the device clock, as the server starts.
     pub utc_minus_device_ns: i64,
+    /// What a client may try first.
+    pub example_wall: Option<ExampleWall>,
+}
+
+/// A wall that the device can render, where its handle gets to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ExampleWall {
+    /// Any point of its surface.
+    pub point_W_m: Vector3<f64>,
+    /// Out of it, of length 1.
+    pub normal_W: Vector3<f64>,
+    /// As stiff as the device takes it.
+    pub stiffness_N_per_m: f64,
 }
 
 impl SessionConfig {
@@ -116,6 +131,7 @@ impl SessionConfig {
             max_age_ms: 200,
             grpc_port: 0,
             utc_minus_device_ns: 0,
+            example_wall: None,
         }
     }
 

@@ -70,7 +70,7 @@ use output::Outbox;
 use peer::Peer;
 
 pub use calls::{CallRefusal, LeaseInfo, Ticket};
-pub use config::{Role, SessionConfig, SessionId, Transport};
+pub use config::{ExampleWall, Role, SessionConfig, SessionId, Transport};
 pub use counters::{Counters, Outcome, StaleReason};
 pub use events::event_to_proto;
 pub use hand::HandTarget;

@@ -8,11 +8,17 @@
 
 use nalgebra::Vector3;
 
+use super::ExampleWall;
 use crate::control::Report;
 use crate::environment::{Contact, ForceField, Guide, Material, Shape};
 use crate::proto;
 use crate::units::{DAMPING, FieldError, POSITION, Range, STIFFNESS};
 use crate::wire::{get3, number};
+
+/// A wall that appears around the tool pushes it out within this time, as far as motors can. A
+/// stiffer one is for brakes, which push nobody: it holds where the tool is.
+const BLEND_MS: u32 = 200;
+const STIFF_N_PER_M: f64 = 1e5;
 
 const SCALE: Range = Range::new(1e-3, 1e3, "(scale)");
 
@@ -103,6 +109,23 @@ impl Workspace {
     pub fn contact(&self, contact: &mut Contact) -> Result<(), FieldError> {
         self.shape(&mut contact.surface.shape);
         self.material(&mut contact.surface.material)
+    }
+
+    /// A wall of the device as a contact that this client may send.
+    pub fn example(&self, wall: &ExampleWall) -> proto::Contact {
+        let numbers = |v: Vector3<f64>| v.iter().map(|x| number(*x)).collect();
+        let shape = proto::HalfSpaceContact {
+            point_m: numbers(self.client_position(&wall.point_W_m)),
+            normal: numbers(wall.normal_W),
+        };
+        proto::Contact {
+            id: 1,
+            revision: 1,
+            stiffness_n_per_m: number(wall.stiffness_N_per_m / self.scale),
+            blend_ms: if wall.stiffness_N_per_m < STIFF_N_PER_M { BLEND_MS } else { 0 },
+            shape: Some(proto::contact::Shape::HalfSpace(shape)),
+            ..proto::Contact::default()
+        }
     }
 
     fn shape(&self, shape: &mut Shape) {
@@ -283,6 +306,28 @@ mod tests {
             };
             assert_eq!((contact.surface.material, contact.surface.blend_s), (felt, 0.1));
         }
+    }
+
+    #[test]
+    fn the_example_comes_back_as_the_wall_that_the_device_takes() {
+        let wall = ExampleWall {
+            point_W_m: Vector3::new(0.25, 0.5, -0.125),
+            normal_W: Vector3::new(0.0, -1.0, 0.0),
+            stiffness_N_per_m: 1024.0,
+        };
+        for (scale, offset_m) in [(1.0, vec![]), (4.0, vec![1.0, -2.0, 0.5])] {
+            let workspace = agreed(scale, offset_m);
+            let sent = workspace.example(&wall);
+            assert_eq!((sent.id, sent.stiffness_n_per_m), (1, 1024.0 / scale));
+            let mut contact = crate::session::contact::contacts(&[sent]).unwrap()[0];
+            workspace.contact(&mut contact).unwrap();
+            let Surface { shape, material, blend_s, .. } = contact.surface;
+            let (point_W_m, normal_W) = (wall.point_W_m, wall.normal_W);
+            assert_eq!(shape, Shape::HalfSpace { point_W_m, normal_W });
+            assert_eq!((material.stiffness_N_per_m, blend_s), (1024.0, 0.2));
+        }
+        let stiff = ExampleWall { stiffness_N_per_m: 1e7, ..wall };
+        assert_eq!(Workspace::SAME.example(&stiff).blend_ms, 0, "brakes push nobody");
     }
 
     #[test]
