@@ -298,7 +298,7 @@ fn always(reason: Reason) -> &'static str {
         Reason::DeviceRange => "More is asked than the device has here in that direction.",
         Reason::TorqueLimit => "An actuator gives all the torque that it has.",
         Reason::Softened => {
-            "The surfaces touched are stiffer than motors can hold here: they are softened."
+            "The surfaces touched are stiffer than motors can hold here, by the damping of the shafts, the lag and the rate: they are softened."
         }
         Reason::Activation => {
             "The device was enabled, or the gain or limit raised, a moment ago: the force still grows."

@@ -230,7 +230,8 @@ impl DeviceHost {
         let mut kept = lock(&self.kept);
         let mut next = kept.scene.clone();
         let result = edit(&mut next)?;
-        self.definition.check_scene(&next).map_err(SceneError::from)?;
+        let tool = &kept.settings.settings.tool;
+        self.definition.check_scene(&next, tool).map_err(SceneError::from)?;
         if let Err(error) = kept.file.save(&next) {
             // It may have been put in place before it failed; what was acknowledged stays.
             let Kept { scene, file, .. } = &mut *kept;
@@ -269,6 +270,10 @@ impl DeviceHost {
         }
         let mut settings = before;
         edit(&mut settings).map_err(SettingsError::from)?;
+        if settings.tool != before.tool {
+            let checked = self.definition.check_scene(&kept.scene, &settings.tool);
+            checked.map_err(|error| SettingsError::from(error.within("settings.tool: scene")))?;
+        }
         let swap = |settings| self.swap(settings, &kept.scene);
         self.execute(swap(&settings), Some(swap(&before)))?;
         kept.settings = SettingsInForce { settings, revision: actual + 1 };

@@ -50,8 +50,14 @@ impl ReadyDevice {
     ) -> anyhow::Result<Self> {
         let (scene_file, scene) = state_dir.scene(&definition.name)?;
         definition
-            .check_scene(&scene)
+            .check_scene(&scene, &definition.tool)
             .with_context(|| format!("the scene kept for device {}", definition.name))?;
+        if definition.largest_stiffness_N_per_m() == 0.0 {
+            tracing::warn!(
+                device = definition.name.as_str(),
+                "no wall can be felt: motors whose shafts damp nothing would feed every one; the device file says what they damp by damping_N_m_s_per_rad"
+            );
+        }
         let mut device = SimulatedDevice::new(definition.simulation(served.hand), SEED)
             .with_context(|| format!("device {}", definition.name))?;
         let pointer = (served.hand == HandProgram::Pointer).then(|| {

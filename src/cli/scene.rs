@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use anyhow::ensure;
 use clap::{Args, Subcommand};
 
 use super::format::{device_resource, parse_seconds};
@@ -159,6 +160,10 @@ impl Wall {
                 let half_space =
                     HalfSpaceContact { point_m: vec![x, 0.0, 0.0], normal: vec![-1.0, 0.0, 0.0] };
                 let shape = Some(Shape::HalfSpace(half_space));
+                ensure!(
+                    proposed.is_some() || self.stiffness.is_some(),
+                    "the server proposes no wall: say how stiff with --stiffness"
+                );
                 Contact { id: 1, revision: 1, shape, ..proposed.unwrap_or_default() }
             }
         };

@@ -84,20 +84,28 @@ pub(super) fn largest_N_per_m(
 }
 
 impl DeviceDefinition {
-    /// Refuses a scene with an object that the motors would feed, by the object's name. Fields
-    /// act together and beside every surface; surfaces are looked at one by one.
-    pub fn check_scene(&self, scene: &Scene) -> Result<(), FieldError> {
+    /// Refuses a scene with an object that the motors would feed with this tool, by the object's
+    /// name. Fields act together and beside every surface; surfaces are looked at one by one.
+    pub fn check_scene(&self, scene: &Scene, tool: &Tool) -> Result<(), FieldError> {
         let Some(delay_s) = self.actuators.delay_s(self.tick_ns as f64 * 1e-9) else {
             return Ok(());
         };
-        let feels = || scene.list().map(|object| (object, feel(&object.element())));
+        let least_N_s_per_m = if *tool == self.tool {
+            self.least_damping_N_s_per_m()
+        } else {
+            least_damping_N_s_per_m(&*self.mechanism, &self.actuators, tool)
+        };
+        // The newest first: it is the one that is too much.
+        let mut objects: Vec<_> = scene.list().collect();
+        objects.sort_by_key(|object| std::cmp::Reverse(object.revision()));
+        let feels = || objects.iter().map(|object| (object, feel(&object.element())));
         let late = |feel: &Feel| feel.stiffness_N_per_m * delay_s + feel.damping_Ns_per_m;
         let is_field = |feel: &Feel| feel.kind != "material";
         let fields: f64 =
             feels().map(|(_, feel)| feel).filter(is_field).map(|feel| late(&feel)).sum();
         for (object, feel) in feels() {
             let beside = if is_field(&feel) { fields - late(&feel) } else { fields };
-            let left_Ns_per_m = (self.least_damping_N_s_per_m() - beside).max(0.0);
+            let left_Ns_per_m = (least_N_s_per_m - beside).max(0.0);
             feel.check(left_Ns_per_m, delay_s)
                 .map_err(|error| error.within(&format!("objects.{}", object.id())))?;
         }
@@ -119,7 +127,7 @@ impl Feel {
         let refuse = |field: &str, value: f64, most: f64, unit: &str| {
             let allowed = format!(
                 "must be at most {most:.3} {unit} beside the rest of it and the scene's fields: \
-                 motors would feed more at this rate"
+                 motors would feed more at this rate, with this lag_s and damping_N_m_s_per_rad"
             );
             Err(FieldError::new(format!("{kind}.{field}"), value, allowed))
         };
@@ -151,8 +159,8 @@ fn feel(element: &Element) -> Feel {
         Element::ConstantField { .. } => feel("constant", 0.0, 0.0),
         Element::ViscousField { damping_Ns_per_m } => feel("viscous", 0.0, *damping_Ns_per_m),
         Element::ForceField(field) => {
-            let most = |matrix: &nalgebra::Matrix3<f64>| matrix.singular_values().max();
-            feel("force_field", most(&field.stiffness_N_per_m), most(&field.damping_Ns_per_m))
+            let [stiffness_N_per_m, damping_Ns_per_m] = field.most_feel();
+            feel("force_field", stiffness_N_per_m, damping_Ns_per_m)
         }
     }
 }
@@ -176,19 +184,23 @@ mod tests {
     #[test]
     fn motors_refuse_a_wall_that_they_would_feed_and_brakes_none() {
         let brakes = DeviceDefinition::load("cho-2005").unwrap();
-        assert_eq!(brakes.check_scene(&with_wall(1e7, 1e3)), Ok(()));
+        assert_eq!(brakes.check_scene(&with_wall(1e7, 1e3), &brakes.tool), Ok(()));
         for name in ["singh", "kim-2003"] {
             let motors = DeviceDefinition::load(name).unwrap();
             let (most, drag) =
                 (motors.largest_stiffness_N_per_m(), motors.least_damping_N_s_per_m());
-            assert_eq!(motors.check_scene(&with_wall(most, 0.0)), Ok(()));
-            assert_eq!(motors.check_scene(&with_wall(0.49 * most, 0.5 * drag)), Ok(()));
+            assert_eq!(motors.check_scene(&with_wall(most, 0.0), &motors.tool), Ok(()));
+            assert_eq!(
+                motors.check_scene(&with_wall(0.49 * most, 0.5 * drag), &motors.tool),
+                Ok(())
+            );
             for (stiffness, damping, field) in [
                 (1.01 * most, 0.0, "objects.board.material.stiffness_n_per_m"),
                 (0.51 * most, 0.5 * drag, "objects.board.material.stiffness_n_per_m"),
                 (0.0, 1.01 * drag, "objects.board.material.damping_ns_per_m"),
             ] {
-                let refused = motors.check_scene(&with_wall(stiffness, damping)).unwrap_err();
+                let refused =
+                    motors.check_scene(&with_wall(stiffness, damping), &motors.tool).unwrap_err();
                 assert!(refused.to_string().contains(field), "{name}: {refused}");
             }
             // Two fields of which each alone would do, and a wall beside one of them.
@@ -198,16 +210,28 @@ mod tests {
             };
             let mut scene = with_wall(0.39 * most, 0.0);
             scene.create(viscous("oil"), None).unwrap();
-            assert_eq!(motors.check_scene(&scene), Ok(()));
-            scene.create(viscous("tar"), None).unwrap();
-            let refused = motors.check_scene(&scene).unwrap_err().to_string();
-            assert!(refused.starts_with("objects."), "{refused}");
-            let refused = motors.check_scene(&{
-                let mut scene = with_wall(0.41 * most, 0.0);
-                scene.create(viscous("oil"), None).unwrap();
-                scene
-            });
+            assert_eq!(motors.check_scene(&scene, &motors.tool), Ok(()));
+            let before = scene.clone();
+            scene.create(viscous("glue"), None).unwrap();
+            let refused = motors.check_scene(&scene, &motors.tool).unwrap_err().to_string();
+            assert!(refused.starts_with("objects.glue."), "the newest: {refused}");
+            assert_eq!(motors.check_scene(&before, &motors.tool), Ok(()));
+            let mut scene = with_wall(0.41 * most, 0.0);
+            scene.create(viscous("oil"), None).unwrap();
+            let refused = motors.check_scene(&scene, &motors.tool);
             assert!(refused.unwrap_err().to_string().contains("objects.board.material"));
         }
+    }
+
+    /// A longer tool has a longer arm, on which the same wall pushes harder.
+    #[test]
+    fn the_tool_in_force_decides() {
+        let plate = DeviceDefinition::load("kim-2003").unwrap();
+        let wall = with_wall(0.99 * plate.largest_stiffness_N_per_m(), 0.0);
+        assert_eq!(plate.check_scene(&wall, &plate.tool), Ok(()));
+        let mut long = plate.tool;
+        long.points_T_m[0] = Vector3::new(0.5, 0.5, 0.0);
+        let refused = plate.check_scene(&wall, &long).unwrap_err().to_string();
+        assert!(refused.starts_with("objects.board.material.stiffness_n_per_m"), "{refused}");
     }
 }

@@ -84,7 +84,6 @@ impl Request {
         };
         let (gain, Wrench { force_N, moment_Nm }) = (asking.gain(), asking.wanted());
         let mut request = Self { raw, ..Self::default() };
-        request.limits.set(Limit::Stiffness, asking.held < 1.0);
         let share = asking.controller_share(desired);
         let mut walls = Walls::default();
         let mut in_plane = [InPlane::default(); MAX_TOUCHES];
@@ -107,7 +106,6 @@ impl Request {
             request.loads_N[i] = load_N;
             let friction_W_N = friction_W_N(constraint, load_N);
             request.raw.add(&friction_W_N, &constraint.arm_W_m);
-            let friction_W_N = friction_W_N * asking.held;
             request.add_soft(&friction_W_N, &constraint.arm_W_m, asking);
             if constraint.source == Source::Controller {
                 request.controller_N += normal_N;
@@ -134,7 +132,7 @@ impl Request {
         // Clipped before it is merged: a wall that asks for more than there is leaves those
         // that coincide with it their part.
         let clipped_N = asking.clipped_N(constraint, &normal);
-        let wanted_N = constraint.demand_N * asking.surface_gain();
+        let wanted_N = constraint.held_N * asking.gain();
         self.limits.set(Limit::Force, clipped_N < wanted_N && clipped_N > 0.0);
         let of_controller = constraint.source == Source::Controller;
         let granted_N = clipped_N * if of_controller { controller_share } else { 1.0 };
@@ -245,19 +243,12 @@ pub struct Asking<'a> {
     pub controller: Wrench,
     /// Most that the controller may ask in sum.
     pub controller_cap_N: f64,
-    /// Share of what surfaces ask that is wanted: less than 1 where motors would feed them.
-    pub held: f64,
 }
 
 impl Asking<'_> {
     /// The share of everything asked that is wanted at all.
     pub(super) fn gain(&self) -> f64 {
         self.plan.guards.force_gain
-    }
-
-    /// The share of what surfaces ask.
-    fn surface_gain(&self) -> f64 {
-        self.gain() * self.held
     }
 
     /// What the controller asks besides surfaces, as far as it is wanted.
@@ -319,10 +310,10 @@ impl Asking<'_> {
     /// The same, its normal in the plane known.
     fn clipped_N(&self, constraint: &Constraint, normal: &PlaneVector) -> f64 {
         let share = normal.xy().norm();
-        if share <= LEAST_IN_PLANE || constraint.demand_N <= 0.0 {
+        if share <= LEAST_IN_PLANE || constraint.held_N <= 0.0 {
             return 0.0;
         }
-        (constraint.demand_N * self.surface_gain()).min(self.most_along(&(normal / share)) / share)
+        (constraint.held_N * self.gain()).min(self.most_along(&(normal / share)) / share)
     }
 
     fn turns(&self) -> bool {

@@ -6,7 +6,8 @@
 //! `K (T / 2 + lag) + B <= C` as quadratic forms of the handle's velocity (Colgate & Brown 1994
 //! for one freedom without lag; a first-order lag counts as the delay that it is for slow motion;
 //! several touches, arms and freedoms derived here). Brakes take energy and feed none.
-//! In B at H, on the freedoms of the device; N s/m, N/m, seconds. Fields are not looked at here.
+//! In B at H, on the freedoms of the device; N s/m, N/m, seconds. The scene's fields take their
+//! part of the damping first; what a controller asks without a surface is not looked at here.
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
@@ -43,42 +44,96 @@ impl Actuators {
     }
 }
 
+/// A bristle takes at most this share of what its direction has: a wall is worth more than the
+/// stick of its friction.
+const BRISTLE: f64 = 0.25;
+
 impl Asking<'_> {
-    /// The share of the stiffness of all surfaces touched that the motors can give without
-    /// feeding the handle; 1 where there is no motor, 0 where nothing is damped.
-    pub fn held_share(&self, desired: &Desired) -> f64 {
+    /// Softens what is touched until the motors feed nothing to the handle; true where a normal
+    /// force is less for it. First each touch by itself, its stiffness before its damping, so
+    /// that one that is too stiff takes nothing from the others; then, where they help one
+    /// another, all of them.
+    pub fn soften(&self, desired: &mut Desired) -> bool {
         let Plan { actuators, mechanism, .. } = self.plan;
-        let Some(delay_s) = actuators.delay_s(self.plan.tick_s()) else { return 1.0 };
+        let Some(delay_s) = actuators.delay_s(self.plan.tick_s()) else { return false };
         if desired.constraints().is_empty() {
-            return 1.0;
+            return false;
         }
-        let mut late = Matrix3::zeros();
-        for constraint in desired.constraints() {
-            self.add_touch(constraint, delay_s, &mut late);
+        let drag = actuators.handle_damping(&self.estimate.posture.reference, mechanism.freedoms());
+        let felt = drag - self.late_of_fields(desired.field_feel, delay_s);
+        // Where some motion is not damped at all a wall cannot be stiff.
+        let give = felt.cholesky().map(|root| root.inverse());
+        let (mut late, mut softened) = (Matrix3::zeros(), false);
+        for constraint in desired.constraints_mut() {
+            let most = |along: &PlaneVector| {
+                give.map_or(0.0, |give| 1.0 / along.dot(&(give * along)).max(f64::MIN_POSITIVE))
+            };
+            let along = self.planar(&constraint.touch.normal_W, &constraint.arm_W_m).0;
+            let kept_N_s_per_m = soften(constraint, most(&along), delay_s, self.gain());
+            late += along * along.transpose() * kept_N_s_per_m;
+            let across = self.across(constraint);
+            let wanted_N_s_per_m = constraint.bristle_N_per_m * delay_s * self.gain();
+            let kept_N_s_per_m = wanted_N_s_per_m.min(BRISTLE * most(&across));
+            constraint.bristle_share = share(kept_N_s_per_m, wanted_N_s_per_m);
+            late += across * across.transpose() * kept_N_s_per_m;
         }
-        let felt = actuators.handle_damping(&self.estimate.posture.reference, mechanism.freedoms());
-        match most_fed(&late, &felt) {
-            Some(fed) if fed <= 1.0 => 1.0,
+        let all = match most_fed(&late, &felt) {
+            Some(fed) if fed <= ROUNDING => 1.0,
             Some(fed) => 1.0 / fed,
             None => 0.0,
+        };
+        for constraint in desired.constraints_mut() {
+            constraint.held_N *= all;
+            constraint.bristle_share *= all;
+            softened |= constraint.held_N != constraint.demand_N;
         }
+        softened
     }
 
-    /// Adds `K (T / 2 + lag) + B` of a touch, and the stiffness of the bristle of its friction.
-    fn add_touch(&self, constraint: &Constraint, delay_s: f64, late: &mut Matrix3<f64>) {
-        let Constraint { arm_W_m, stiffness_N_per_m, damping_Ns_per_m, .. } = constraint;
-        let normal_W = &constraint.touch.normal_W;
-        let mut add = |along_W: &Vector3<f64>, late_N_s_per_m: f64| {
-            let (along, _) = self.planar(along_W, arm_W_m);
-            *late += along * along.transpose() * (late_N_s_per_m * self.gain());
-        };
-        add(normal_W, stiffness_N_per_m * delay_s + damping_Ns_per_m);
-        if constraint.bristle_N_per_m > 0.0 {
-            let across_W = self.plan.mount.q_WB * Vector3::z();
-            let along_W = across_W.cross(normal_W).try_normalize(1e-9).unwrap_or_default();
-            add(&along_W, constraint.bristle_N_per_m * delay_s);
-        }
+    /// `K (T / 2 + lag) + B` of the scene's fields, which act at T.
+    fn late_of_fields(
+        &self,
+        [stiffness_N_per_m, damping_Ns_per_m]: [f64; 2],
+        delay_s: f64,
+    ) -> Matrix3<f64> {
+        let late_N_s_per_m = (stiffness_N_per_m * delay_s + damping_Ns_per_m) * self.gain();
+        let q_WB = &self.plan.mount.q_WB;
+        [Vector3::x(), Vector3::y()].iter().fold(Matrix3::zeros(), |sum, axis_B| {
+            let (along, _) = self.planar(&(q_WB * axis_B), &Vector3::zeros());
+            sum + along * along.transpose() * late_N_s_per_m
+        })
     }
+
+    /// Along the surface, in the plane.
+    fn across(&self, constraint: &Constraint) -> PlaneVector {
+        let across_W = self.plan.mount.q_WB * Vector3::z();
+        let along_W = across_W.cross(&constraint.touch.normal_W);
+        self.planar(&along_W.try_normalize(1e-9).unwrap_or_default(), &constraint.arm_W_m).0
+    }
+}
+
+/// What is at the bound is not beyond it.
+const ROUNDING: f64 = 1.0 + 1e-9;
+
+fn share(kept: f64, wanted: f64) -> f64 {
+    if kept < wanted { kept / wanted } else { 1.0 }
+}
+
+/// Keeps of the stiffness of a touch, and then of its damping, what feeds nothing under this
+/// damping along its normal; returns what `K (T / 2 + lag) + B` is then.
+fn soften(touched: &mut Constraint, most_N_s_per_m: f64, delay_s: f64, gain: f64) -> f64 {
+    let stiff_N_s_per_m = touched.stiffness_N_per_m * delay_s * gain;
+    let damped_N_s_per_m = touched.damping_Ns_per_m * gain;
+    let kept_stiff = stiff_N_s_per_m.min(most_N_s_per_m);
+    let kept_damped = damped_N_s_per_m.min(most_N_s_per_m - kept_stiff);
+    let spring_N = touched.stiffness_N_per_m * touched.touch.depth_m;
+    let damper_N = touched.damping_Ns_per_m * touched.approach_m_per_s;
+    let (stiff, damped) =
+        (share(kept_stiff, stiff_N_s_per_m), share(kept_damped, damped_N_s_per_m));
+    if stiff < 1.0 || damped < 1.0 {
+        touched.held_N = (spring_N * stiff + damper_N * damped).max(0.0); // a NaN becomes 0
+    }
+    kept_stiff + kept_damped
 }
 
 /// Largest ratio of `late` to `felt` over all motions; `None` where some motion is not damped at

@@ -273,10 +273,10 @@ fn desire(
     }
     let controller = if live { setpoint.soft(tool) } else { Wrench::default() };
     let plan = input.plan;
-    let asking =
-        Asking { tool, estimate, plan, capability, controller, controller_cap_N, held: 1.0 };
-    let asking = Asking { held: asking.held_share(&desired), ..asking };
+    let asking = Asking { tool, estimate, plan, capability, controller, controller_cap_N };
+    let softened = asking.soften(&mut desired);
     let mut request = Request::from_desired(&desired, &asking);
+    request.limits.set(Limit::Stiffness, softened);
     let last_N = state.before.total_N;
     let asked = Asked { last_N, now_N: request.total_N(&asking), guards };
     let activation = state.activation.settle(state.mode, activation, &asked, input.now_ns);
@@ -291,7 +291,7 @@ fn desire(
             Source::Controller => state.contacts.get_mut(constraint.point, constraint.id),
         };
         if let Some(surface) = surface {
-            surface.bear(load_N);
+            surface.bear(load_N, constraint.bristle_share);
         }
     }
     (desired, request)

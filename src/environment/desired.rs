@@ -35,8 +35,14 @@ pub enum Source {
 pub struct Constraint {
     /// Which way is out, how deep it is, and how it rubs.
     pub touch: Touch,
+    /// How fast the tool goes in.
+    pub approach_m_per_s: f64,
     /// Normal force that the material asks for, newtons, never negative.
     pub demand_N: f64,
+    /// What of that is to be given: less where motors would feed what is as stiff as it is.
+    pub held_N: f64,
+    /// Share of its bristle's stiffness that is to be given in the next tick.
+    pub bristle_share: f64,
     /// Most that its friction can give per normal force.
     pub most_friction: f64,
     /// Force per depth, N/m.
@@ -62,6 +68,9 @@ pub struct Desired {
     pub soft_W_N: Vector3<f64>,
     /// Their moment about T, newton metres in W.
     pub soft_moment_W_Nm: Vector3<f64>,
+    /// Sums of the stiffness and of the damping of the scene's fields there, each in the
+    /// direction in which it is felt most: N/m, N s/m.
+    pub field_feel: [f64; 2],
     constraints: [Constraint; MAX_TOUCHES],
     count: usize,
     /// Touches that found no room.
@@ -74,6 +83,11 @@ impl Desired {
     /// The surfaces entered, in the order they were found.
     pub fn constraints(&self) -> &[Constraint] {
         &self.constraints[..self.count]
+    }
+
+    /// The same, to be softened.
+    pub fn constraints_mut(&mut self) -> &mut [Constraint] {
+        &mut self.constraints[..self.count]
     }
 
     /// Adds a force at T and a moment about it.
@@ -106,6 +120,8 @@ impl Desired {
             field if point == 0 => {
                 let wrench = field.field_at(&tool.p_WT_m, &tool.v_WT_m_per_s);
                 self.add_soft(wrench.unwrap_or_default());
+                let feel = field.field_feel(&tool.p_WT_m);
+                self.field_feel.iter_mut().zip(feel).for_each(|(sum, part)| *sum += part);
             }
             _ => {}
         }
@@ -143,9 +159,14 @@ impl Desired {
     fn add_touches(&mut self, touches: &Touches, material: &Material, asked: &Asked) {
         for touch in touches.iter() {
             let Touch { depth_m, normal_W, .. } = touch;
+            let v_W_m_per_s = &asked.at.v_W_m_per_s;
+            let demand_N = material.demand_N(*depth_m, normal_W, v_W_m_per_s);
             self.keep_strongest(Constraint {
                 touch: *touch,
-                demand_N: material.demand_N(*depth_m, normal_W, &asked.at.v_W_m_per_s),
+                demand_N,
+                approach_m_per_s: material.approach_m_per_s(normal_W, v_W_m_per_s),
+                held_N: demand_N,
+                bristle_share: 1.0,
                 most_friction: material.most_friction(),
                 stiffness_N_per_m: material.stiffness_N_per_m,
                 damping_Ns_per_m: material.damping_Ns_per_m,

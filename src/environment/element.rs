@@ -39,6 +39,16 @@ impl Element {
             Self::ForceField(field) => Some(field.at(p_WT_m, v_WT_m_per_s)),
         }
     }
+
+    /// Stiffness (N/m) and damping (N s/m) of a field there, no less than they are in any
+    /// direction; none of what has a surface.
+    pub fn field_feel(&self, p_WT_m: &Vector3<f64>) -> [f64; 2] {
+        match self {
+            Self::Surface(_) | Self::Corridor(_) | Self::ConstantField { .. } => [0.0; 2],
+            Self::ViscousField { damping_Ns_per_m } => [0.0, *damping_Ns_per_m],
+            Self::ForceField(field) => field.feel(p_WT_m),
+        }
+    }
 }
 
 /// An element of the resident scene, with the slot that keeps its run-time state.

@@ -28,6 +28,17 @@ pub struct ForceField {
 }
 
 impl ForceField {
+    /// Stiffness and damping at a place, no less than they are in any direction.
+    pub fn feel(&self, p_W_m: &Vector3<f64>) -> [f64; 2] {
+        let inside = (p_W_m - self.origin_W_m).norm() < self.radius_m;
+        if inside { [&self.stiffness_N_per_m, &self.damping_Ns_per_m].map(most) } else { [0.0; 2] }
+    }
+
+    /// The same where it is felt most.
+    pub fn most_feel(&self) -> [f64; 2] {
+        [&self.stiffness_N_per_m, &self.damping_Ns_per_m].map(most)
+    }
+
     /// Force and moment at a place and velocity.
     pub fn at(&self, p_W_m: &Vector3<f64>, v_W_m_per_s: &Vector3<f64>) -> [Vector3<f64>; 2] {
         let away = p_W_m - self.origin_W_m;
@@ -42,6 +53,13 @@ impl ForceField {
             self.force_W_N - self.stiffness_N_per_m * away - self.damping_Ns_per_m * v_W_m_per_s;
         [force * share, self.moment_W_Nm * share]
     }
+}
+
+/// No less than the largest singular value, and equal to it where the matrix is a number: the
+/// root of the largest sums along columns and along rows.
+fn most(matrix: &Matrix3<f64>) -> f64 {
+    let sums = |matrix: Matrix3<f64>| matrix.abs().row_sum().max();
+    (sums(*matrix) * sums(matrix.transpose())).sqrt()
 }
 
 #[cfg(test)]

@@ -26,11 +26,19 @@ pub(super) fn bristle_N_per_m(material: &Material) -> f64 {
 }
 
 /// What a surface remembers of its friction.
-#[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Bristle {
     anchor_W_m: Option<Vector3<f64>>,
     sticks: bool,
     load_N: f64,
+    /// Of its material's stiffness.
+    share: f64,
+}
+
+impl Default for Bristle {
+    fn default() -> Self {
+        Self { anchor_W_m: None, sticks: false, load_N: 0.0, share: 1.0 }
+    }
 }
 
 /// The pull of a bristle in one tick.
@@ -53,7 +61,7 @@ impl Bristle {
     ) -> Pull {
         let load_N = std::mem::take(&mut self.load_N);
         let slips_at = material.most_friction();
-        let stiffness_N_per_m = bristle_N_per_m(material);
+        let stiffness_N_per_m = bristle_N_per_m(material) * self.share;
         if stiffness_N_per_m <= 0.0 {
             *self = Self::default();
             return Pull::default();
@@ -76,9 +84,10 @@ impl Bristle {
         Pull { force_W_N: -stiffness_N_per_m * stretch_m, sticking: self.sticks && load_N > 0.0 }
     }
 
-    /// The load that it will have in the next tick.
-    pub fn bear(&mut self, load_N: f64) {
-        self.load_N = load_N.max(0.0);
+    /// The load that it will have in the next tick, and the share of its material's stiffness:
+    /// what slips slips as before, later.
+    pub fn bear(&mut self, load_N: f64, share: f64) {
+        (self.load_N, self.share) = (load_N.max(0.0), share);
     }
 
     /// Moves the anchor with the surface.
@@ -107,7 +116,7 @@ mod tests {
     fn dragged(material: &Material, places_m: impl IntoIterator<Item = f64>) -> Vec<(f64, bool)> {
         let mut bristle = Bristle::default();
         let pull = |x_m: f64| {
-            bristle.bear(LOAD_N);
+            bristle.bear(LOAD_N, 1.0);
             let p = Vector3::new(x_m, 0.0, -1e-4 * x_m);
             let pull = bristle.pull(&p, &Vector3::z(), material, TICK_S);
             assert!(pull.force_W_N.yz().norm() < 1e-12, "along the surface, against the drag");
@@ -167,7 +176,7 @@ mod tests {
     fn the_anchor_moves_with_the_surface() {
         let mut bristle = Bristle::default();
         let pull_at = |bristle: &mut Bristle, y_m: f64| {
-            bristle.bear(LOAD_N);
+            bristle.bear(LOAD_N, 1.0);
             let p = Vector3::new(1.0, y_m, 0.0);
             bristle.pull(&p, &Vector3::z(), &rubber(), TICK_S).force_W_N
         };
@@ -182,7 +191,7 @@ mod tests {
         let mut bristle = Bristle::default();
         for load_N in [LOAD_N, f64::NAN, f64::INFINITY] {
             for x in [0.0, f64::NAN, f64::INFINITY, 1e300] {
-                bristle.bear(load_N);
+                bristle.bear(load_N, 1.0);
                 let p = Vector3::new(x, 0.0, 0.0);
                 let pull = bristle.pull(&p, &Vector3::z(), &rubber(), TICK_S);
                 assert!(pull.force_W_N.iter().all(|part| part.is_finite()), "{pull:?}");

@@ -40,10 +40,15 @@ impl Material {
         normal_W: &Vector3<f64>,
         v_W_m_per_s: &Vector3<f64>,
     ) -> f64 {
-        let relative_m_per_s = v_W_m_per_s - self.surface_velocity_W_m_per_s;
+        let approach_m_per_s = self.approach_m_per_s(normal_W, v_W_m_per_s);
         let spring_N = self.stiffness_N_per_m * depth_m;
-        let damper_N = -self.damping_Ns_per_m * relative_m_per_s.dot(normal_W);
+        let damper_N = self.damping_Ns_per_m * approach_m_per_s;
         (spring_N + damper_N).max(0.0) // a NaN becomes 0
+    }
+
+    /// How fast the tool goes in.
+    pub fn approach_m_per_s(&self, normal_W: &Vector3<f64>, v_W_m_per_s: &Vector3<f64>) -> f64 {
+        (self.surface_velocity_W_m_per_s - v_W_m_per_s).dot(normal_W)
     }
 }
 

@@ -195,9 +195,10 @@ impl SurfaceState {
         *self = Self::default();
     }
 
-    /// The load that the surface's friction will have in the next tick.
-    pub fn bear(&mut self, load_N: f64) {
-        self.bristle.bear(load_N);
+    /// The load that the surface's friction will have in the next tick, and the share of its
+    /// stiffness.
+    pub fn bear(&mut self, load_N: f64, share: f64) {
+        self.bristle.bear(load_N, share);
     }
 
     /// True while the tool point cannot have reached the surface: it was further away than

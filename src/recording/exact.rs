@@ -218,3 +218,38 @@ pub(super) fn snapshot_of(entry: &RecordSnapshot) -> Result<ControlState, String
     }
     Ok(state)
 }
+
+#[cfg(test)]
+mod tests {
+    use prost::Message as _;
+
+    use super::*;
+    use crate::config::build_plan;
+    use crate::control::Mode;
+    use crate::recording::LAYOUT;
+
+    /// A hash that is the same for ever (Fowler, Noll and Vo's 1a of 64 bits).
+    fn fnv(bytes: &[u8]) -> u64 {
+        let begin = 0xcbf2_9ce4_8422_2325;
+        bytes
+            .iter()
+            .fold(begin, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x100_0000_01b3))
+    }
+
+    /// What is stored has no names in it: read by another version it would be something else.
+    #[test]
+    fn what_is_stored_changes_only_with_the_layout() {
+        let device = DeviceDefinition::load("cho-2005").unwrap();
+        let scene = Scene::default();
+        let entry = plan_entry(&build_plan(&device, &scene), &device, &scene);
+        let stored = RecordEntry::decode_length_delimited(entry.as_slice()).unwrap();
+        let Some(Entry::Plan(plan)) = stored.entry else { panic!("{stored:?}") };
+        let state = snapshot_entry(&ControlState::new(Mode::Disabled));
+        let found = (LAYOUT, plan.exact.len(), state.len(), fnv(&state));
+        assert_eq!(
+            found,
+            (2, 679, 6177, 0xc500_f919_5ceb_ca21),
+            "raise LAYOUT, and write here what there is now"
+        );
+    }
+}

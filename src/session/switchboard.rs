@@ -42,6 +42,13 @@ impl Switchboard {
         self.devices.get_mut(device)
     }
 
+    /// The wall that was proposed stands elsewhere by now: the device was moved, or its tool
+    /// changed.
+    pub fn propose_nothing(&mut self, device: &str) {
+        let moved = self.devices.iter_mut().filter(|sessions| sessions.config.device == device);
+        moved.for_each(|sessions| sessions.config.example_wall = None);
+    }
+
     /// The sessions of each device.
     pub fn devices(&self) -> impl Iterator<Item = &Sessions> {
         self.devices.iter()

@@ -80,6 +80,18 @@ struct Bounce {
 impl Bounce {
     /// `believed` times the drag that the shafts have is what the tick reckons with.
     fn new(name: &str, walls: &[(Vector3<f64>, f64)], push: PlaneVector, believed: f64) -> Self {
+        let material = |stiffness_N_per_m| Material { stiffness_N_per_m, ..Material::default() };
+        let walls: Vec<_> =
+            walls.iter().map(|(normal, stiff)| (*normal, material(*stiff))).collect();
+        Self::of(name, &walls, push, believed)
+    }
+
+    fn of(
+        name: &str,
+        walls: &[(Vector3<f64>, Material)],
+        push: PlaneVector,
+        believed: f64,
+    ) -> Self {
         let device = DeviceDefinition::load(name).expect("built in");
         let simulated = device.simulation(HandProgram::default());
         let parameters = PlantParameters {
@@ -93,15 +105,13 @@ impl Bounce {
             resolution_Nm: simulated.resolution_Nm,
         };
         let start = PlaneVector::new(device.start_m[0], device.start_m[1], 0.0);
-        let scene = walls.iter().enumerate().map(|(slot, (normal_W, stiffness_N_per_m))| {
+        let scene = walls.iter().enumerate().map(|(slot, (normal_W, material))| {
             let edge_m = Vector3::new(start.x, start.y, 0.0) - 0.002 * normal_W;
             let furthest = device.tool.points_T_m().iter().map(|point| -point.dot(normal_W));
             let ahead_m = furthest.fold(device.tool.radius_m, f64::max);
             let shape =
                 Shape::HalfSpace { point_W_m: edge_m - ahead_m * normal_W, normal_W: *normal_W };
-            let material =
-                Material { stiffness_N_per_m: *stiffness_N_per_m, ..Material::default() };
-            let surface = Surface { shape, material, hollow: false, blend_s: 0.0 };
+            let surface = Surface { shape, material: *material, hollow: false, blend_s: 0.0 };
             let element = Element::Surface(surface);
             SceneItem { slot: slot as u16, revision: 1, element }
         });
@@ -114,8 +124,20 @@ impl Bounce {
 
     /// Runs for two seconds: the speed (rms) of the last tenth, m/s, and the last report.
     fn settle(&mut self) -> (f64, Report) {
-        let (mut squares, mut last) = (0.0, Report::default());
-        for number in 0..2_000_u64 {
+        let (mut squares, mut last, mut number) = (0.0, Report::default(), 0);
+        self.run(2_000, |report, speed_m_per_s| {
+            number += 1;
+            if number > 1_800 {
+                squares += speed_m_per_s.powi(2) / 200.0;
+            }
+            last = *report;
+        });
+        (squares.sqrt(), last)
+    }
+
+    /// Runs for as many ticks.
+    fn run(&mut self, ticks: u64, mut see: impl FnMut(&Report, f64)) {
+        for number in 0..ticks {
             let per_rad = self.plan.actuators.counts_per_revolution / std::f64::consts::TAU;
             let mut sample = Sample::default();
             for i in 0..MAX_ACTUATORS {
@@ -133,12 +155,8 @@ impl Bounce {
             for _ in 0..10 {
                 self.plant.step(&self.push, 1e-4);
             }
-            if number >= 1_800 {
-                squares += self.plant.v_BH().xy().norm_squared() / 200.0;
-            }
-            last = report;
+            see(&report, self.plant.v_BH().xy().norm());
         }
-        (squares.sqrt(), last)
     }
 }
 
@@ -197,6 +215,77 @@ fn walls_on_top_of_each_other_and_corners_are_softened_as_one() {
     let both = PlaneVector::new(3.0, 3.0, 0.0);
     let (corner, softened) = stiffness(&[(into_x, STIFF_N_PER_M), (into_y, STIFF_N_PER_M)], both);
     assert!(softened && (0.4..2.5).contains(&(corner / alone)), "{corner} {alone}");
+}
+
+fn of_stiffness(stiffness_N_per_m: f64) -> Material {
+    Material { stiffness_N_per_m, ..Material::default() }
+}
+
+fn felt_of(report: &Report, slot: u32) -> (f64, f64) {
+    let contact = report.contacts().iter().find(|contact| contact.id == slot).expect("touched");
+    (contact.depth_m, contact.normal_N)
+}
+
+#[test]
+fn a_wall_that_is_too_stiff_takes_nothing_from_another_beside_it() {
+    let (into_x, into_y) = (-Vector3::x(), -Vector3::y());
+    let push = PlaneVector::new(4.0, 0.5, 0.0);
+    let soft = (into_x, of_stiffness(1_000.0));
+    let (_, alone) = Bounce::of("singh", &[soft], push, 1.0).settle();
+    let stiff = (into_y, of_stiffness(STIFF_N_PER_M));
+    let (speed, both) = Bounce::of("singh", &[soft, stiff], push, 1.0).settle();
+    assert!(speed < RESTS_M_PER_S, "{speed} m/s");
+    let ((alone_m, alone_N), (depth_m, normal_N)) = (felt_of(&alone, 0), felt_of(&both, 0));
+    assert!((depth_m / alone_m - 1.0).abs() < 0.2, "{depth_m} m, alone {alone_m} m");
+    assert!((normal_N / alone_N - 1.0).abs() < 0.2, "{normal_N} N, alone {alone_N} N");
+}
+
+#[test]
+fn a_wall_that_is_damped_too_much_keeps_its_stiffness() {
+    let push = PlaneVector::new(1.0, 0.0, 0.0);
+    for damping_Ns_per_m in [0.0, 100.0, 1e4] {
+        let wall = Material { damping_Ns_per_m, ..of_stiffness(1_000.0) };
+        let (speed, report) = Bounce::of("singh", &[(-Vector3::x(), wall)], push, 1.0).settle();
+        assert!(speed < RESTS_M_PER_S, "{speed} m/s at {damping_Ns_per_m}");
+        let (depth_m, _) = felt_of(&report, 0);
+        assert!((depth_m / 1e-3 - 1.0).abs() < 0.1, "{depth_m} m at {damping_Ns_per_m}");
+    }
+}
+
+#[test]
+fn a_softened_wall_rubs_as_much_as_one_that_is_not() {
+    // Pulled along the wall by more than the friction holds, and pressed as hard.
+    let push = PlaneVector::new(4.0, 2.5, 0.0);
+    for stiffness_N_per_m in [1_500.0, STIFF_N_PER_M] {
+        let wall = of_stiffness(stiffness_N_per_m).with_friction(0.5);
+        let mut bounce = Bounce::of("singh", &[(-Vector3::x(), wall)], push, 1.0);
+        let mut most = 0.0_f64;
+        bounce.run(300, |report, _| {
+            let contact = report.contacts()[..report.contact_count.min(1)].first();
+            let Some(contact) = contact.filter(|contact| contact.normal_N > 3.0) else { return };
+            most = most.max(contact.friction_N / contact.normal_N);
+        });
+        assert!((0.4..=0.5 + 1e-9).contains(&most), "{stiffness_N_per_m} N/m: {most}");
+    }
+}
+
+#[test]
+fn fields_take_their_part_of_the_damping_first() {
+    let push = PlaneVector::new(3.0, 0.0, 0.0);
+    let walls = [(-Vector3::x(), STIFF_N_PER_M)];
+    let stiffness = |field_Ns_per_m: f64| {
+        let mut bounce = Bounce::new("singh", &walls, push, 1.0);
+        let element = Element::ViscousField { damping_Ns_per_m: field_Ns_per_m };
+        let oil = SceneItem { slot: 7, revision: 1, element };
+        bounce.plan.scene = bounce.plan.scene.iter().cloned().chain([oil]).collect();
+        let (_, report) = bounce.settle();
+        let (depth_m, normal_N) = felt_of(&report, 0);
+        normal_N / depth_m
+    };
+    let [alone, beside] = [0.0, 1.0].map(stiffness);
+    // Of what half a tick and the lag allow, one newton second per metre is gone.
+    let taken = (alone - beside) * 1e-3;
+    assert!((0.8..1.2).contains(&taken), "{alone} and {beside} N/m");
 }
 
 #[test]

@@ -341,7 +341,7 @@ fn friction_needs_a_load_and_holds_against_the_drag() {
     feeler.at(&rough, 1, Vector3::new(0.29, 0.0, 0.0));
     let mut drag = |y_m: f64, load_N: f64| {
         let touches = feeler.at(&rough, 1, Vector3::new(0.3001, y_m, 0.0));
-        feeler.state.bear(load_N);
+        feeler.state.bear(load_N, 1.0);
         touches.iter().next().map_or((0.0, false), |t| (t.friction_W_N.y, t.sticking))
     };
     assert_eq!(drag(0.0, 10.0), (0.0, false), "no load is known yet");

@@ -12,7 +12,7 @@ use super::desk::{Desk, Desks};
 use super::{convert, explain, field_status, manipulability, names, settings, watches};
 use crate::actuation::ActuatorKind;
 use crate::analysis::workspace;
-use crate::config::{Id, Settings};
+use crate::config::{DeviceDefinition, Id, Settings};
 use crate::control::{ModeCommand, Report};
 use crate::host::DeviceHost;
 use crate::mechanism::Mechanism;
@@ -208,6 +208,12 @@ impl DeviceService for Devices {
         let name = request.settings.as_ref().map_or("", |settings| &settings.name);
         let desk = names::find_device(&self.desks, "settings.name", name)?;
         let changed = settings::update(Arc::clone(&desk.host), &desk.settings, request).await?;
+        let Settings { mount, tool, .. } = desk.host.settings().settings;
+        let DeviceDefinition { name, mount: first, tool: with, .. } = desk.host.definition();
+        if (mount, tool) != (*first, *with) {
+            let name = name.to_string();
+            self.sessions.ask(move |sessions, _| sessions.propose_nothing(&name)).await;
+        }
         Ok(Response::new(changed))
     }
 
