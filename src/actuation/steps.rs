@@ -48,7 +48,8 @@ pub fn in_steps(
             rounded[i] = true;
             ways.add(i, around_Nm(capability, i, torque_Nm[i], coarsest_Nm));
         }
-        let finer = |i: usize| i < capability.actuators && !rounded[i];
+        let Bounds { lower_Nm: least_Nm, upper_Nm: most_Nm } = &capability.bounds;
+        let finer = |i: usize| i < capability.actuators && !rounded[i] && least_Nm[i] < most_Nm[i];
         ways.choose(&matrix, &cost(&matrix, finer, coarsest_Nm), &mut torque_Nm);
         let takes_Nm = ActuatorVector::repeat(TAKES_UP * coarsest_Nm);
         let Bounds { lower_Nm, upper_Nm } = &mut left.bounds;

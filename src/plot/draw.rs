@@ -21,12 +21,15 @@ const FONT: &str = "sans-serif";
 const TITLE_PX: f64 = 18.0;
 const CAPTION_PX: f64 = 15.0;
 const LABEL_PX: f64 = 12.0;
+const TICK_PX: f64 = 5.0;
 const MARGIN_PX: f64 = 10.0;
 const X_LABELS_PX: f64 = 42.0;
 const Y_LABELS_PX: f64 = 60.0;
 /// Width of a bar of colours with its numbers.
 const COLOUR_BAR_PX: f64 = 86.0;
 const PNG_SCALE: f64 = 2.0;
+/// The drawing library knows whole pixels only, which bend a small circle.
+const SVG_SCALE: f64 = 8.0;
 
 type Canvas<'a, DB> = DrawingArea<DB, Shift>;
 type Chart<'a, DB> = ChartContext<'a, DB, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
@@ -35,10 +38,12 @@ type Drawn<DB> = Result<(), DrawingAreaErrorKind<<DB as DrawingBackend>::ErrorTy
 pub(super) fn svg(figure: &Figure) -> Result<String, PictureError> {
     fonts();
     let mut text = String::new();
-    let canvas = SVGBackend::with_string(&mut text, size_px(figure, 1.0)).into_drawing_area();
-    draw(&canvas, figure, 1.0).and_then(|()| canvas.present()).map_err(told)?;
+    let drawn = size_px(figure, SVG_SCALE);
+    let canvas = SVGBackend::with_string(&mut text, drawn).into_drawing_area();
+    draw(&canvas, figure, SVG_SCALE).and_then(|()| canvas.present()).map_err(told)?;
     drop(canvas);
-    Ok(text)
+    let size = |(width, height)| format!("width=\"{width}\" height=\"{height}\"");
+    Ok(text.replacen(&size(drawn), &size(size_px(figure, 1.0)), 1))
 }
 
 pub(super) fn png(figure: &Figure, path: &Path) -> Result<(), PictureError> {
@@ -150,6 +155,7 @@ fn draw_axes<'a, DB: DrawingBackend + 'a>(
         .y_desc(panel.y.label.as_str())
         .x_label_formatter(&x_number)
         .y_label_formatter(&y_number)
+        .set_all_tick_mark_size((scale * TICK_PX) as u32)
         .draw()
 }
 
@@ -170,7 +176,7 @@ fn draw_legend<'a, DB: DrawingBackend + 'a>(
         .margin((scale * 6.0) as u32)
         .legend_area_size((scale * 26.0) as u32)
         .background_style(WHITE.mix(0.85))
-        .border_style(BLACK.mix(0.3))
+        .border_style(BLACK.mix(0.3).stroke_width(scale as u32))
         .label_font((FONT, scale * LABEL_PX))
         .draw()
 }

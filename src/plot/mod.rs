@@ -286,6 +286,12 @@ mod tests {
         }
         assert!(svg.contains("wave &lt; &amp; &gt;") && !svg.contains("wave < &"));
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
+        // Finer than whole pixels.
+        let sizes: Vec<f64> = (svg.split('"').take(6))
+            .flat_map(|word| word.split(' ').filter_map(|number| number.parse().ok()))
+            .collect();
+        let [width, height, 0.0, 0.0, across, down] = sizes[..] else { panic!("{sizes:?}") };
+        assert_eq!((across / width, down / height), (8.0, 8.0));
     }
 
     #[test]

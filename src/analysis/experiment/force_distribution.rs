@@ -323,35 +323,58 @@ pub struct Resolution {
     pub errors_N: Vec<f64>,
 }
 
-/// Forces up to half of what the fine motors alone can give, by the base motors alone, by the
-/// fine ones alone, and by both.
+/// How torques are rounded to their steps, in words: [`in_steps`].
+pub const ROUNDING: &str = "The motors with the coarser step are rounded first, together, each up \
+                            or down so that the finer ones have least to do; these carry what is \
+                            left, within a few coarse steps.";
+
+/// Who drives, what the largest force is measured by, and how the set is called.
+const SETS: [(&str, Drives, Drives); 4] = [
+    ("base motors alone", is_base, is_floating),
+    ("floating motors alone", is_floating, is_floating),
+    ("both", any, is_floating),
+    ("both, larger forces", any, any),
+];
+
+type Drives = fn(usize) -> bool;
+
+fn is_base(i: usize) -> bool {
+    BASE.contains(&i)
+}
+
+fn is_floating(i: usize) -> bool {
+    !is_base(i)
+}
+
+fn any(_: usize) -> bool {
+    true
+}
+
+/// The same motors, of which only some can give torque.
+fn only(all: &Capability, drives: Drives) -> Capability {
+    let mut some = *all;
+    for i in (0..MAX_ACTUATORS).filter(|i| !drives(*i)) {
+        (some.bounds.lower_Nm[i], some.bounds.upper_Nm[i]) = (0.0, 0.0);
+    }
+    some
+}
+
+/// Forces up to half of what the floating motors alone can give, by the base motors alone, by
+/// the floating ones alone, and by both; by both also up to half of what both can give.
 pub fn resolutions(rig: &Rig, study: &Study) -> Result<Vec<Resolution>, StudyError> {
     let [coarse, fine] = study.steps_Nm;
-    let steps = ActuatorVector::from_fn(|i, _| if BASE.contains(&i) { coarse } else { fine });
-    let is_base = |i: usize| BASE.contains(&i);
+    let steps = ActuatorVector::from_fn(|i, _| if is_base(i) { coarse } else { fine });
     let mut found = Vec::new();
-    for (motors, base, floating) in [
-        ("base motors alone", true, false),
-        ("floating motors alone", false, true),
-        ("both", true, true),
-    ] {
-        let drives = |i: usize| if is_base(i) { base } else { floating };
+    for (motors, drives, reach) in SETS {
         let mut rng = ChaCha8Rng::seed_from_u64(study.seed.wrapping_add(1));
         let (mut errors_N, mut range_N) = (Vec::new(), 0.0);
         for _ in 0..study.poses {
             let all = rig.at(&rig.anywhere(&mut rng))?;
-            let some = |of: &dyn Fn(usize) -> bool| {
-                let mut some = all;
-                for i in (0..MAX_ACTUATORS).filter(|i| !of(*i)) {
-                    (some.bounds.lower_Nm[i], some.bounds.upper_Nm[i]) = (0.0, 0.0);
-                }
-                some
-            };
             let bearing_rad = rng.random_range(0.0..TAU);
             let direction = PlaneVector::new(bearing_rad.cos(), bearing_rad.sin(), 0.0);
-            let weak_N = some(&|i| !is_base(i)).range_N(&direction);
-            let wanted = direction * (rng.random_range(0.0..0.5) * weak_N);
-            let driven = some(&drives);
+            let most_N = only(&all, reach).range_N(&direction);
+            let wanted = direction * (rng.random_range(0.0..0.5) * most_N);
+            let driven = only(&all, drives);
             let exact = optimal_weighted(&driven, &wanted, &rig.weight).torque_Nm;
             let given = in_steps(&driven, &wanted, &exact, &steps, &rig.weight);
             errors_N.push((given.wrench - wanted).xy().norm());
@@ -473,9 +496,12 @@ mod tests {
     #[test]
     fn fine_motors_beside_coarse_ones_make_a_strong_force_fine() {
         let (study, rig) = small();
-        let [base, floating, both] = resolutions(&rig, &study).unwrap().try_into().unwrap();
+        let [base, floating, both, wide] = resolutions(&rig, &study).unwrap().try_into().unwrap();
         assert!(base.error_N[0] > 10.0 * both.error_N[0], "{:?} {:?}", base.error_N, both.error_N);
         assert!(both.range_N > 2.0 * floating.range_N, "{} {}", both.range_N, floating.range_N);
+        // Stronger forces leave the floating motors less room; they still help.
+        assert!(base.error_N[0] > 2.0 * wide.error_N[0], "{:?} {:?}", base.error_N, wide.error_N);
+        assert!(wide.errors_N != both.errors_N && wide.range_N == both.range_N);
     }
 
     /// Kim 2003's claim: three motors are singular inside the workspace, six are not.

@@ -14,7 +14,7 @@ use crate::config::DeviceDefinition;
 use crate::mechanism::Mechanism;
 use crate::notation::PlaneVector;
 use crate::plot::Figure;
-use crate::units::{FieldError, Range};
+use crate::units::Range;
 
 /// Which mean to take.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -80,7 +80,10 @@ impl Workspace {
     /// One grid of a device.
     pub fn grid(&self, device: &DeviceDefinition, kind: GridKind) -> anyhow::Result<Grid> {
         let [least_m, most_m] = self.radii_m();
-        let phi_rad = self.phi_rad()?;
+        let phi_rad = self.phi_rad(device)?;
+        if kind != GridKind::Cartesian {
+            self.check_round("a grid of circles about the base", "--grid cartesian")?;
+        }
         let annulus = match kind {
             GridKind::Area => Annulus::area(least_m, most_m),
             GridKind::Polar => Annulus::polar(least_m, most_m),
@@ -100,11 +103,11 @@ impl Workspace {
         let far_m = if self.r.is_some() || turns_about_base(device.mechanism.as_ref()) {
             self.radii_m()[1]
         } else {
-            furthest_m(device.mechanism.as_ref(), self.phi_rad()?)
+            furthest_m(device.mechanism.as_ref(), self.phi_rad(device)?)
         };
         let [x_m, y_m] = [self.x, self.y].map(|range| range.unwrap_or([-far_m, far_m]));
         let step_m = self.step.unwrap_or((x_m[1] - x_m[0]).max(y_m[1] - y_m[0]) / across as f64);
-        let raster = Raster { x_m, y_m, step_m, phi_rad: self.phi_rad()? };
+        let raster = Raster { x_m, y_m, step_m, phi_rad: self.phi_rad(device)? };
         raster.check()?;
         Ok(raster)
     }
@@ -116,9 +119,60 @@ impl Workspace {
         !round || (least_m - 1e-9..=most_m + 1e-9).contains(&r_m)
     }
 
-    fn phi_rad(&self) -> Result<f64, FieldError> {
-        Ok(Range::new(-360.0, 360.0, "deg").check("phi", self.phi)?.to_radians())
+    /// Angle of the handle, for a device that has one.
+    pub fn phi_rad(&self, device: &DeviceDefinition) -> anyhow::Result<f64> {
+        let phi_deg = Range::new(-360.0, 360.0, "deg").check("phi", self.phi)?;
+        check_turn("--phi", phi_deg, device)?;
+        Ok(phi_deg.to_radians())
     }
+
+    /// Refuses a lattice where it has no meaning.
+    pub fn check_round(&self, what: &str, instead: &str) -> anyhow::Result<()> {
+        let given = [self.x.is_some(), self.y.is_some(), self.step.is_some()];
+        let named = ["--x", "--y", "--step"].into_iter().zip(given).find(|(_, given)| *given);
+        named.map_or(Ok(()), |(name, _)| {
+            anyhow::bail!("{name}: {what} has no lattice; give --r, or {instead}")
+        })
+    }
+
+    /// Options of the workspace that were given, by name.
+    pub fn given(&self) -> impl Iterator<Item = &'static str> {
+        let all = [
+            ("--r", self.r.is_some()),
+            ("--x", self.x.is_some()),
+            ("--y", self.y.is_some()),
+            ("--step", self.step.is_some()),
+            ("--phi", self.phi != 0.0),
+        ];
+        all.into_iter().filter(|(_, given)| *given).map(|(name, _)| name)
+    }
+}
+
+/// Refuses an angle of a handle that does not turn.
+fn check_turn(option: &str, phi: f64, device: &DeviceDefinition) -> anyhow::Result<()> {
+    let turns = device.mechanism.freedoms() > 2;
+    anyhow::ensure!(
+        turns || phi == 0.0,
+        "{option}: the handle of {} has no angle of its own; only devices of three freedoms have",
+        device.name
+    );
+    Ok(())
+}
+
+/// A place of the handle, its angle only where the device has one.
+pub fn check_place(place: &PlaneVector, device: &DeviceDefinition) -> anyhow::Result<()> {
+    check_turn("--at X,Y,PHI", place.z, device)
+}
+
+/// A list without what was in it before.
+pub fn distinct<T: PartialEq>(list: Vec<T>) -> Vec<T> {
+    let mut kept: Vec<T> = Vec::with_capacity(list.len());
+    for one in list {
+        if !kept.contains(&one) {
+            kept.push(one);
+        }
+    }
+    kept
 }
 
 /// How far along x or y a lattice must go to hold the workspace, rounded up to a centimetre.
@@ -229,6 +283,27 @@ mod tests {
         // The legs of (10, 15, 3) meet stretched 24.8 cm up the axis.
         assert!((0.2481..0.26).contains(&far_m("singh")), "{}", far_m("singh"));
         assert!((0.6..0.62).contains(&far_m("two-link")), "{}", far_m("two-link"));
+    }
+
+    #[test]
+    fn what_does_not_apply_is_refused_by_name() {
+        let device = |name| DeviceDefinition::load(name).unwrap();
+        let workspace = Workspace { r: None, x: None, y: None, step: None, phi: 20.0 };
+        let error = workspace.phi_rad(&device("cho-2005")).unwrap_err().to_string();
+        assert!(error.contains("--phi") && error.contains("cho-2005"), "{error}");
+        assert!((workspace.phi_rad(&device("kim-2003")).unwrap() - 0.349).abs() < 1e-3);
+        let flat = Workspace { y: Some([0.0, 0.1]), phi: 0.0, ..workspace };
+        let error = flat.grid(&device("cho-2005"), GridKind::Area).unwrap_err().to_string();
+        assert!(error.contains("--y") && error.contains("cartesian"), "{error}");
+        assert!(flat.grid(&device("cho-2005"), GridKind::Cartesian).is_ok());
+        let place = parse_place("0.3,0.1,5").unwrap();
+        assert!(check_place(&place, &device("cho-2005")).is_err());
+        assert!(check_place(&place, &device("kim-2003")).is_ok());
+    }
+
+    #[test]
+    fn a_list_keeps_its_order_and_nothing_twice() {
+        assert_eq!(distinct(vec![10.0, 0.0, 10.0, 30.0, 0.0]), [10.0, 0.0, 30.0]);
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::io::Write;
 use clap::Args;
 use serde_json::json;
 
-use super::arguments::{GridKind, Output, Workspace};
+use super::arguments::{GridKind, Output, Workspace, distinct};
 use super::pictures::{histogram, largest_betas_deg};
 use super::table;
 use crate::analysis::design::GlobalIndices;
@@ -35,14 +35,22 @@ pub struct Compare {
 
 /// Means over a part of a grid compare with nothing else.
 fn warn(name: &str, indices: &GlobalIndices) {
-    let missed = indices.unreachable + indices.singular;
-    if missed > 0 {
-        let _ = writeln!(
-            std::io::stderr(),
-            "hapticd: {name} misses {missed} of {} places, and its figures are those of the rest; \
-             --r and --grid choose others",
-            indices.places
-        );
+    if let Some(words) = missing(indices) {
+        let _ =
+            writeln!(std::io::stderr(), "hapticd: {name} {words}; --r and --grid choose others");
+    }
+}
+
+/// What a device misses of its grid, in words; `None`: nothing.
+fn missing(indices: &GlobalIndices) -> Option<String> {
+    let GlobalIndices { places, unreachable, singular, .. } = *indices;
+    match unreachable + singular {
+        0 => None,
+        missed if missed < places => Some(format!(
+            "misses {missed} of {places} places, and its figures are those of the rest"
+        )),
+        _ if singular > 0 => Some(format!("has figures for none of {places} places")),
+        _ => Some(format!("reaches none of {places} places and has no figures")),
     }
 }
 
@@ -50,7 +58,7 @@ impl Compare {
     /// Computes, prints, and writes.
     pub fn run(self) -> anyhow::Result<()> {
         let loaded: Result<Vec<_>, _> =
-            self.devices.iter().map(|name| DeviceDefinition::load(name)).collect();
+            distinct(self.devices).iter().map(|name| DeviceDefinition::load(name)).collect();
         let devices = loaded?;
         let names: Vec<String> =
             devices.iter().map(|device| device.name.as_str().to_owned()).collect();
@@ -87,5 +95,26 @@ impl Compare {
             });
             Figure::single(histogram("Largest beta over the workspace", &betas.collect::<Vec<_>>()))
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::analysis::design::{Annulus, Grid};
+
+    #[test]
+    fn a_device_that_reaches_nothing_has_no_rest() {
+        let words = |name: &str, radii_m: [f64; 2]| {
+            let device = DeviceDefinition::load(name).unwrap();
+            let grid = Grid::Annulus(Annulus::polar(radii_m[0], radii_m[1]));
+            let torque_Nm = &device.actuators.max_torque_Nm;
+            missing(&GlobalIndices::over(device.mechanism.as_ref(), torque_Nm, &grid))
+        };
+        assert_eq!(words("cho-2005", [0.2, 0.5]), None);
+        let none = words("kim-2003", [0.2, 0.5]).unwrap();
+        assert!(none.contains("reaches none of 3813") && !none.contains("rest"), "{none}");
+        let some = words("kim-2003", [0.01, 0.5]).unwrap();
+        assert!(some.contains("the rest"), "{some}");
     }
 }

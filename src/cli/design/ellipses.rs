@@ -33,6 +33,8 @@ impl Ellipses {
         let device = DeviceDefinition::load(&self.device)?;
         let mechanism = device.mechanism.as_ref();
         let round = turns_about_base(mechanism) && !self.workspace.is_flat();
+        // A round grid does not ask for the angle, which has to fit the device all the same.
+        self.workspace.phi_rad(&device)?;
         let grid = if round {
             sparse(self.workspace.radii_m(), 4, 16)
         } else {

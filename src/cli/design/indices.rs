@@ -3,7 +3,7 @@
 use clap::Args;
 use serde_json::{Value, json};
 
-use super::arguments::{GridKind, Output, Workspace, furthest_m, parse_place};
+use super::arguments::{GridKind, Output, Workspace, check_place, furthest_m, parse_place};
 use super::pictures::{histogram, largest_betas_deg, place_panel};
 use super::table;
 use crate::analysis::design::inscribed::{Circle, largest_circle};
@@ -28,7 +28,8 @@ pub struct Indices {
     #[arg(long, value_name = "NAME|FILE", default_value = "cho-2005")]
     device: String,
     /// One place of the handle
-    #[arg(long, value_name = "X,Y[,PHI]", value_parser = parse_place, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y[,PHI]", value_parser = parse_place, allow_hyphen_values = true,
+        conflicts_with_all = ["grid", "r", "x", "y", "step", "phi"])]
     at: Option<PlaneVector>,
     /// One grid instead of all that suit the device
     #[arg(long, value_enum)]
@@ -55,7 +56,7 @@ impl Indices {
         let grids = self.workspace.grids(device, self.grid)?;
         let over = |grid| GlobalIndices::over(mechanism, torque_Nm, grid);
         let found: Vec<GlobalIndices> = grids.iter().map(over).collect();
-        let everywhere = around(mechanism, self.workspace.raster(device, 2)?.phi_rad);
+        let everywhere = around(mechanism, self.workspace.phi_rad(device)?);
         let circle = largest_circle(mechanism, &everywhere);
         let account = Account { device, circle, resolution_m: everywhere.step_m, found: &found };
         if self.output.json {
@@ -75,6 +76,7 @@ impl Indices {
     }
 
     fn one_place(&self, device: &DeviceDefinition, place: &PlaneVector) -> anyhow::Result<()> {
+        check_place(place, device)?;
         let mechanism = device.mechanism.as_ref();
         let posture = mechanism.posture_at(place)?;
         let found = LocalIndices::of(mechanism, &device.actuators.max_torque_Nm, &posture);

@@ -15,7 +15,7 @@ mod regions;
 mod synthesis;
 mod table;
 
-pub(super) use arguments::progress_bar;
+pub(super) use arguments::{distinct, progress_bar};
 pub(super) use map::class_series;
 pub(super) use optimize::front_panel;
 pub(super) use pictures::{

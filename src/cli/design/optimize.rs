@@ -44,25 +44,24 @@ pub struct Optimize {
     /// Built-in device or device file: what is varied, and what stays
     #[arg(long, value_name = "NAME|FILE", default_value = "cho-2005")]
     device: String,
-    /// How to search
-    #[arg(long, value_enum, default_value = "global")]
-    method: SearchMethod,
-    /// Of the random starts
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    seed: u64,
-    /// Independent random starts, 1 to 1000
-    #[arg(long, value_name = "N", default_value_t = 12,
-        value_parser = clap::value_parser!(u16).range(1..=1000))]
-    starts: u16,
-    /// Weights of GP_a and GP_f in the utility function
-    #[arg(long, value_name = "A,F", default_value = "1,10", value_parser = parse_pair)]
-    weights: [f64; 2],
-    /// Least and most length of links 1 to 4, m
-    #[arg(long, value_name = "LEAST,MOST", default_value = "0.1,0.3", value_parser = parse_pair)]
-    l: [f64; 2],
-    /// Least and most of the ratios k3 and k4
-    #[arg(long, value_name = "LEAST,MOST", default_value = "0.1,1", value_parser = parse_pair)]
-    k: [f64; 2],
+    /// How to search; without it global
+    #[arg(long, value_enum)]
+    method: Option<SearchMethod>,
+    /// Of the random starts; without it 1
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Independent random starts, 1 to 1000; without it 12
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1000))]
+    starts: Option<u16>,
+    /// Weights of GP_a and GP_f in the utility function; without it 1,10
+    #[arg(long, value_name = "A,F", value_parser = parse_pair)]
+    weights: Option<[f64; 2]>,
+    /// Least and most length of links 1 to 4, m; without it 0.1,0.3
+    #[arg(long, value_name = "LEAST,MOST", value_parser = parse_pair)]
+    l: Option<[f64; 2]>,
+    /// Least and most of the ratios k3 and k4; without it 0.1,1
+    #[arg(long, value_name = "LEAST,MOST", value_parser = parse_pair)]
+    k: Option<[f64; 2]>,
     /// Search the front between GP_a alone and GP_f alone too, by so many weightings
     #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "9",
         value_parser = clap::value_parser!(u16).range(2..=100))]
@@ -81,10 +80,12 @@ impl Optimize {
     pub fn run(self) -> anyhow::Result<()> {
         let device = DeviceDefinition::load(&self.device)?;
         if device.mechanism.name() == "symmetric-five-bar" {
-            anyhow::ensure!(
-                self.pareto.is_none(),
-                "--pareto: a symmetric-five-bar is searched whole, by its one count"
-            );
+            if let Some(option) = self.options().next() {
+                anyhow::bail!(
+                    "{option}: a symmetric-five-bar is searched whole, by its one count; it has \
+                     nothing to set"
+                );
+            }
             return synthesis::run(&device, &self.output, self.write.as_deref());
         }
         let Some(class) = five_bar_of(&device.parameters) else {
@@ -94,9 +95,11 @@ impl Optimize {
                 device.mechanism.name()
             );
         };
+        self.workspace.check_round("the mean that is made small", "nothing")?;
+        self.workspace.phi_rad(&device)?;
         let problem = self.problem(class)?;
         let effort = self.effort();
-        let rounds = u64::from(self.starts) * (1 + self.pareto.map_or(0, u64::from));
+        let rounds = u64::from(self.starts()) * (1 + self.pareto.map_or(0, u64::from));
         let bar = progress_bar(rounds, "starts");
         let found = optimise(&problem, &effort, &|| bar.inc(1));
         let front =
@@ -125,9 +128,10 @@ impl Optimize {
     }
 
     fn problem(&self, class: FiveBarParameters) -> anyhow::Result<DesignProblem> {
-        let bounds = DesignBounds { l_m: self.l, k: self.k };
+        let bounds =
+            DesignBounds { l_m: self.l.unwrap_or([0.1, 0.3]), k: self.k.unwrap_or([0.1, 1.0]) };
         bounds.check()?;
-        let [a, f] = self.weights;
+        let [a, f] = self.weights.unwrap_or([1.0, 10.0]);
         anyhow::ensure!(
             (0.0..=1e3).contains(&a) && (0.0..=1e3).contains(&f) && a + f >= 1e-3,
             "--weights {a},{f}: must be 0 to 1000 each, and not both 0"
@@ -139,11 +143,38 @@ impl Optimize {
     }
 
     fn effort(&self) -> Effort {
-        let method = match self.method {
+        let method = match self.method() {
             SearchMethod::Simplex => Method::Simplex,
             SearchMethod::Global => Method::Global,
         };
-        Effort { method, starts: self.starts.into(), radii: 31, seed: self.seed }
+        Effort { method, starts: self.starts().into(), radii: 31, seed: self.seed() }
+    }
+
+    fn method(&self) -> SearchMethod {
+        self.method.unwrap_or(SearchMethod::Global)
+    }
+
+    fn seed(&self) -> u64 {
+        self.seed.unwrap_or(1)
+    }
+
+    fn starts(&self) -> u16 {
+        self.starts.unwrap_or(12)
+    }
+
+    /// What was given of how to search, by name.
+    fn options(&self) -> impl Iterator<Item = &'static str> {
+        let all = [
+            ("--method", self.method.is_some()),
+            ("--seed", self.seed.is_some()),
+            ("--starts", self.starts.is_some()),
+            ("--weights", self.weights.is_some()),
+            ("--l", self.l.is_some()),
+            ("--k", self.k.is_some()),
+            ("--pareto", self.pareto.is_some()),
+        ];
+        let given = all.into_iter().filter(|(_, given)| *given).map(|(name, _)| name);
+        given.chain(self.workspace.given())
     }
 }
 
@@ -164,9 +195,9 @@ impl Outcome<'_> {
         let mut all = design_json(found);
         let mut put = |key: &str, value| drop(all.insert(key.into(), value));
         put("device", json!(device.name.as_str()));
-        put("method", json!(format!("{:?}", search.method).to_lowercase()));
-        put("seed", json!(search.seed));
-        put("starts", json!(search.starts));
+        put("method", json!(format!("{:?}", search.method()).to_lowercase()));
+        put("seed", json!(search.seed()));
+        put("starts", json!(search.starts()));
         put("weights", json!({ "gp_a": problem.weights[0], "gp_f": problem.weights[1] }));
         put("utility", json!(problem.utility(found)));
         put(
@@ -307,7 +338,38 @@ fn file_of(device: &DeviceDefinition, found: &Design) -> anyhow::Result<String> 
 
 #[cfg(test)]
 mod tests {
+    use clap::Parser;
+
     use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        search: Optimize,
+    }
+
+    /// A symmetric five-bar has its one search: nothing that was asked is passed over.
+    #[test]
+    fn what_a_search_does_not_take_is_refused_by_name() {
+        for (device, option, value) in [
+            ("singh", "--method", "simplex"),
+            ("singh", "--seed", "1"),
+            ("singh", "--starts", "12"),
+            ("singh", "--weights", "1,10"),
+            ("singh", "--l", "0.1,0.3"),
+            ("singh", "--k", "0.1,1"),
+            ("singh", "--pareto", "9"),
+            ("singh", "--r", "0.2,0.5"),
+            ("singh", "--phi", "5"),
+            ("cho-2005", "--x", "0,0.1"),
+            ("cho-2005", "--step", "0.1"),
+            ("cho-2005", "--phi", "5"),
+        ] {
+            let words = ["optimize", "--device", device, option, value];
+            let error = Line::parse_from(words).search.run().unwrap_err().to_string();
+            assert!(error.starts_with(&format!("{option}:")), "{option}: {error}");
+        }
+    }
 
     #[test]
     fn a_found_design_is_a_device_that_can_be_loaded() {

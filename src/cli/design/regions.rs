@@ -3,7 +3,7 @@
 use clap::Args;
 use serde_json::{Value, json};
 
-use super::arguments::{Output, parse_angle, parse_place};
+use super::arguments::{Output, check_place, parse_angle, parse_place};
 use super::pictures::place_panel;
 use super::table::quoted;
 use crate::actuation::Region;
@@ -49,6 +49,7 @@ impl Regions {
         let device = DeviceDefinition::load(&self.device)?;
         let [x, y] = device.start_m;
         let place = self.at.unwrap_or_else(|| PlaneVector::new(x, y, 0.0));
+        check_place(&place, &device)?;
         let posture = device.mechanism.posture_at(&place)?;
         let found = self.account(&device, &posture);
         if self.output.json {

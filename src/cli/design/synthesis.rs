@@ -11,7 +11,13 @@ use crate::analysis::design::symmetric::{Candidate, CountGrid, search, table_1};
 use crate::config::DeviceDefinition;
 use crate::plot::{Axis, Colour, Figure, Legend, Marks, Panel, Series, Sign};
 
-const M_PER_CM: f64 = 0.01;
+const CM_PER_M: f64 = 100.0;
+
+/// A length of the search in metres. A division: 0.01 is no number of two digits inside, and
+/// 7 * 0.01 would print sixteen.
+fn metres(cm: f64) -> f64 {
+    cm / CM_PER_M
+}
 
 /// Counts every design of Table 1 and prints them, the best first.
 pub fn run(device: &DeviceDefinition, output: &Output, file: Option<&Path>) -> anyhow::Result<()> {
@@ -60,8 +66,7 @@ pub fn run(device: &DeviceDefinition, output: &Output, file: Option<&Path>) -> a
 
 fn design_json(one: &Candidate) -> Value {
     let lengths = one.lengths;
-    let [a1, a2, a3] =
-        [lengths.a1, lengths.a2, lengths.a3].map(|cm| (cm * M_PER_CM * 1e9).round() * 1e-9);
+    let [a1, a2, a3] = [lengths.a1, lengths.a2, lengths.a3].map(metres);
     json!({ "a1_m": a1, "a2_m": a2, "a3_m": a3 })
 }
 
@@ -101,7 +106,7 @@ fn file_of(device: &DeviceDefinition, best: &Candidate) -> anyhow::Result<String
         format!("# A symmetric five-bar found by `hapticd design optimize` from {}.", device.name);
     let lengths = best.lengths;
     let lengths_cm = [("a1_m", lengths.a1), ("a2_m", lengths.a2), ("a3_m", lengths.a3)];
-    let values = lengths_cm.map(|(key, cm)| (key, (cm * M_PER_CM).into()));
+    let values = lengths_cm.map(|(key, cm)| (key, metres(cm).into()));
     device_file(device, &comment, None, values)
 }
 
@@ -119,5 +124,7 @@ mod tests {
         for (key, m) in [("a1_m", 0.10), ("a2_m", 0.15), ("a3_m", 0.03)] {
             assert!((number(key) - m).abs() < 1e-12, "{key}");
         }
+        let text = design_json(&best).to_string();
+        assert_eq!(text, r#"{"a1_m":0.1,"a2_m":0.15,"a3_m":0.03}"#);
     }
 }

@@ -11,7 +11,7 @@ use serde_json::json;
 use super::report::Report;
 use crate::analysis::design::mobility::mobility_of;
 use crate::analysis::experiment::force_distribution::{
-    BOX_M, Condition, LENGTH_M, Level, Moment, PUSH_RAD, Resolution, Rig, Scheme, Study,
+    BOX_M, Condition, LENGTH_M, Level, Moment, PUSH_RAD, ROUNDING, Resolution, Rig, Scheme, Study,
     condition_map, conditions, failures, push, pushed_pose, resolutions,
 };
 use crate::plot::{Axis, Colour, Figure, Legend, Marks, Panel, Series};
@@ -349,8 +349,8 @@ fn tell_resolutions(
     report.heading("Coarse and fine");
     report.say(&format!(
         "Torque comes in steps: {base} N m at the base, {floating} N m in the floating motors. \
-         Forces up to half of what the floating motors can give alone. The base torques are \
-         rounded first and the floating motors carry what that leaves.",
+         Forces are up to half of what the floating motors can give alone, in the last row up to \
+         half of what both sets can. {ROUNDING}",
     ));
     let rows = found.iter().map(|set| {
         let errors = set.error_N.map(|error| format!("{error:.4}"));

@@ -227,6 +227,26 @@ mod tests {
         assert!(directory.path().join("README.md").exists());
     }
 
+    /// The two pages that take a second each; their pictures decide by size what they are called.
+    #[test]
+    fn the_committed_pages_are_those_that_this_code_writes() {
+        let directory = tempfile::tempdir().unwrap();
+        let out = directory.path().to_str().unwrap();
+        parsed(&["--paper", "kim-2003,singh", "--out", out]).unwrap().run().unwrap();
+        let committed = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/papers");
+        for name in ["kim-2003.md", "singh.md"] {
+            let [written, kept] = [directory.path(), &committed]
+                .map(|folder| std::fs::read_to_string(folder.join(name)).unwrap());
+            let pairs = written.lines().zip(kept.lines());
+            let first = pairs.into_iter().find(|(written, kept)| written != kept);
+            assert!(
+                written == kept,
+                "docs/papers/{name} is not what the code writes; `cargo run --release -- \
+                 experiment papers --out docs/papers` does. First other line: {first:?}"
+            );
+        }
+    }
+
     #[test]
     fn a_paper_that_there_is_not_is_refused_by_name() {
         let error = parsed(&["--paper", "colgate"]).unwrap_err();

@@ -421,7 +421,7 @@ fn shapes_on_axis(linkage: &SymmetricFiveBar) -> Panel {
 
 fn shapes_over_workspace(linkage: &SymmetricFiveBar) -> Panel {
     let mut over = axes("Figure 9: force ellipses over the workspace");
-    let scale = 0.07;
+    let scale: f64 = 0.07;
     let places =
         (-11..=11).flat_map(|i| (2..=12).map(move |j| [2.0 * f64::from(i), 2.0 * f64::from(j)]));
     let drawn = places.filter(
@@ -429,14 +429,12 @@ fn shapes_over_workspace(linkage: &SymmetricFiveBar) -> Panel {
     );
     let outlines =
         drawn.filter_map(|at| Some((at, ellipse_at(linkage, at)?))).flat_map(|(at, found)| {
-            // Near the border one axis grows without end; what is longer than the spacing is cut.
-            let cut = ForceEllipse {
-                semi_axes: found.semi_axes.map(|axis| axis.min(1.0 / scale)),
-                ..found
-            };
-            ellipse_outline(cut, at, scale).into_iter().chain([GAP])
+            // Near the border one axis grows without end; what is longer than the spacing is
+            // shrunk whole, so that its shape stays what it is.
+            let longest = found.semi_axes[0].max(found.semi_axes[1]);
+            ellipse_outline(found, at, scale.min(1.0 / longest)).into_iter().chain([GAP])
         });
-    let label = format!("1 cm = {:.1} N per N m, longer axes cut there", 1.0 / scale);
+    let label = format!("1 cm = {:.1} N per N m, larger ones shrunk to it", 1.0 / scale);
     over.series.push(Series::new(label, Colour::Blue, Marks::Line(outlines.collect())));
     over.legend = Legend::LowerLeft;
     over.y = Axis::between("y [cm]", -2.0, 27.0);

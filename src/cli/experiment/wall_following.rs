@@ -15,6 +15,7 @@ use crate::actuation::Strategy;
 use crate::analysis::experiment::wall_following::report::{self, COLUMNS, Value};
 use crate::analysis::experiment::wall_following::{Found, Law, Study, pictures};
 use crate::analysis::wall_following::{Beside, CourseKind, Flesh, HandSettings, OwnLaw};
+use crate::cli::design::distinct;
 
 /// Lag of the brakes in the pictures.
 const PICTURED_LAG_S: f64 = 0.002;
@@ -74,7 +75,8 @@ pub struct WallFollowing {
     /// One device, the straight wall, a corner and a hollow sphere, one seed: half a minute
     #[arg(long)]
     quick: bool,
-    /// An answer of an exec: law may take this long, ms
+    /// An answer of an exec: law may take this long, ms; its first, before which an interpreter
+    /// has to start, ten seconds at least
     #[arg(long, value_name = "MS", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=60_000))]
     law_timeout_ms: u64,
     /// Where report.md, figures.csv and the pictures go
@@ -141,7 +143,7 @@ impl WallFollowing {
 
     /// The grid, restricted.
     fn study(&self) -> anyhow::Result<Study> {
-        let laws = if self.law.is_empty() {
+        let laws: Vec<Law> = if self.law.is_empty() {
             Strategy::ALL
                 .into_iter()
                 .filter(|law| *law != Strategy::Auto)
@@ -162,12 +164,13 @@ impl WallFollowing {
         let courses =
             if self.course.is_empty() { CourseKind::ALL.into() } else { self.course.clone() };
         let mut study = Study {
-            devices: self.device.clone(),
-            laws,
-            courses,
-            lags_s: self.lag_ms.iter().map(|ms| 1e-3 * ms).collect(),
+            // What is named twice is run once.
+            devices: distinct(self.device.clone()),
+            laws: distinct(laws),
+            courses: distinct(courses),
+            lags_s: distinct(self.lag_ms.iter().map(|ms| 1e-3 * ms).collect()),
             sensors,
-            counts: self.counts.clone(),
+            counts: distinct(self.counts.clone()),
             seeds: (1..=self.seeds).collect(),
             hand,
             beside: self.beside,
@@ -296,6 +299,8 @@ mod tests {
         assert_eq!(all.runs(), 2 * laws * CourseKind::ALL.len() * 3 * 2 * 2 * 3);
         let quick = parsed(&["--quick", "--law", "sliding", "--law", "exec:x"]).unwrap();
         assert_eq!(quick.study().unwrap().runs(), 2 * 3 * 3 * 2);
+        let twice = ["--quick", "--law", "sliding", "--law", "sliding", "--lag-ms", "0,10,0"];
+        assert_eq!(parsed(&twice).unwrap().study().unwrap().runs(), 3 * 2 * 2);
         for (words, told) in [
             (["--lag-ms", "-1"], "0 to 1000 ms"),
             (["--counts", "3"], "16 to 100000000 counts"),

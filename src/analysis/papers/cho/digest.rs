@@ -4,6 +4,12 @@ use super::table::{Bars, PAPERS_LAW, best, cells, score};
 use crate::analysis::experiment::wall_following::{Law, Row};
 use crate::analysis::papers::Page;
 
+/// A law that changes the leading brake more often than this locks and releases it by turns.
+const CHATTERS_PER_S: f64 = 100.0;
+
+/// A handle that goes deeper than this was let into the wall.
+const LETS_IN_MM: f64 = 1.0;
+
 /// Figures of a law in a cell: stuck, sticks, mm, hand, x bound, gamma, jerk, step, switches.
 fn told(row: &Row) -> Vec<String> {
     let f = &row.figures;
@@ -56,6 +62,14 @@ fn cell_names(row: &Row) -> Vec<String> {
     vec![row.cell.course.name().to_owned(), lag_ms, sensor.to_owned()]
 }
 
+/// The line of a cell that no law passes.
+fn none_holds(row: &Row) -> Vec<String> {
+    let mut line = cell_names(row);
+    line.push("no law holds it with every seed".to_owned());
+    line.resize(HEAD.len(), "-".to_owned());
+    line
+}
+
 /// The best law and the paper's in every cell of a device.
 fn digest(page: &mut Page, rows: &[Row], device: &str, counts: f64) {
     let mut lines = Vec::new();
@@ -65,12 +79,7 @@ fn digest(page: &mut Page, rows: &[Row], device: &str, counts: f64) {
         let own = best.is_some_and(|row| row.cell.law == Law::BuiltIn(PAPERS_LAW));
         lines.push(match best {
             Some(row) => line(row, if own { "**best**, paper " } else { "**best** " }),
-            None => {
-                let mut line = cell_names(&cell[0]);
-                line.push("no law holds it with every seed".to_owned());
-                line.resize(HEAD.len(), "-".to_owned());
-                line
-            }
+            None => none_holds(&cell[0]),
         });
         let paper =
             cell.iter().find(|row| row.cell.law == Law::BuiltIn(PAPERS_LAW)).filter(|_| !own);
@@ -82,8 +91,8 @@ fn digest(page: &mut Page, rows: &[Row], device: &str, counts: f64) {
 /// The smaller table: the best law alone.
 fn coarse(page: &mut Page, rows: &[Row], device: &str) {
     let chosen = |row: &Row| row.cell.device == device && row.cell.counts == 4_096.0;
-    let cells = cells(rows).filter(|cell| chosen(&cell[0]));
-    let lines: Vec<_> = cells.filter_map(best).map(|row| line(row, "")).collect();
+    let of = |cell: &[Row]| best(cell).map_or_else(|| none_holds(&cell[0]), |row| line(row, ""));
+    let lines: Vec<_> = cells(rows).filter(|cell| chosen(&cell[0])).map(of).collect();
     page.table(&HEAD, &lines);
 }
 
@@ -109,8 +118,9 @@ pub(super) fn write(page: &mut Page, rows: &[Row]) {
          *stuck*: share of the slide below 1 mm/s, and how often that began; *mm*: deepest \
          penetration; *hand N*: force of the hand along the wall, mean, largest; *x bound*: its mean \
          over that under a perfect law of brakes; *gamma*: largest angle between wall and given \
-         force, degrees; *jerk*: rms, m/s^3; *step*: largest change of the brakes' force in 1 ms. \
-         Times and means over the seeds, worst of the largest.",
+         force, degrees; *jerk*: rms, m/s^3; *step*: largest change of the brakes' force in 1 ms of the slide. \
+         Times and means over the seeds, worst of the largest: a *step* here is the worst of all \
+         seeds with the lag of its line.",
         list(|row| format!("`{}`", row.cell.device)),
         list(|row| row.cell.course.name().to_owned()),
         list(|row| format!("{}", 1e3 * row.cell.lag_s)),
@@ -118,6 +128,7 @@ pub(super) fn write(page: &mut Page, rows: &[Row]) {
         list(|row| row.runs.to_string()),
         rows.len()
     ));
+    below_one(page, rows);
     bound(page, rows);
     page.say(format!(
         "The **best** law is, of those that arrive and go no deeper than {} mm, the one whose worst \
@@ -138,6 +149,25 @@ pub(super) fn write(page: &mut Page, rows: &[Row]) {
         page.say("**`cho-2005`, 4,096 counts**: the best law of each cell.");
         coarse(page, rows, "cho-2005");
     }
+}
+
+/// Why a hand may pull less than under a perfect law.
+fn below_one(page: &mut Page, rows: &[Row]) {
+    let less = |row: &&Row| row.arrived == row.runs && row.ratio().is_some_and(|x| x < 0.995);
+    let below: Vec<&Row> = rows.iter().filter(less).collect();
+    let least = below.iter().filter_map(|row| row.ratio()).fold(1.0, f64::min);
+    let let_go = |row: &&&Row| {
+        row.figures.switches_per_s > CHATTERS_PER_S || row.figures.penetration_mm > LETS_IN_MM
+    };
+    page.say(format!(
+        "*x bound* below 1 is possible and no merit: the perfect law holds the wall in every tick; \
+         one that locks and releases brakes, or lets the handle into the wall, can leave it free in \
+         between. {} rows that arrive are below 1 (least {least:.2}); in {} of them the leading \
+         brake changes more than {CHATTERS_PER_S} times a second or the handle goes deeper than \
+         {LETS_IN_MM} mm.",
+        below.len(),
+        below.iter().filter(let_go).count()
+    ));
 }
 
 /// What no law can beat.

@@ -105,8 +105,9 @@ fn walls(page: &mut Page, cho: &Cho) {
     page.say(
         "**The wall law.** Holding a wall with slipping brakes costs the hand at least D = N min \
          {q_i > 0}, q_i = -(r_i . sigma t) / (r_i . n). `sliding` lets one brake slip at exactly the \
-         pressing force and hands over to the next before the reference changes: the abrupt change \
-         that the paper leaves open is gone. On the paper's wall, with sensor, 65,536 counts:",
+         pressing force and hands over to the next before the reference changes, to do away with \
+         the abrupt change that the paper leaves open. On the paper's wall, with sensor, 65,536 \
+         counts (*mm* and *step N*: the worst of all seeds):",
     );
     let mut rows = Vec::new();
     for law in laws {
@@ -133,6 +134,7 @@ fn walls(page: &mut Page, cho: &Cho) {
     );
     let [sliding, all] = wins(&cho.rows, Strategy::Sliding);
     page.say(format!(
-        "It is the best law in {sliding} of the {all} cells of the table below that any law passes."
+        "It is the best law in {sliding} of the {all} cells of the CSV below that any law \
+         passes."
     ));
 }

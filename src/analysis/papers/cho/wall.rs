@@ -25,6 +25,8 @@ pub(super) const GAMMA_MAX_DEG: f64 = 65.8;
 pub(super) const DESIRED_N: f64 = 20_000.0;
 /// Section 8.1.
 const STIFFNESS_N_PER_M: f64 = 1e7;
+/// Two reference forces nearer than this are closely positioned.
+pub(super) const CLOSE_DEG: f64 = 20.0;
 
 /// Laws that are watched.
 const WATCHED: [Strategy; 5] = [
@@ -71,7 +73,7 @@ pub struct AlongWall {
     pub cone_deg: [f64; 2],
     /// Largest angle between the normal and the nearest of all eight reference forces.
     pub nearest_deg: f64,
-    /// Share of the wall on which R3 and R4 are less than 20 degrees apart.
+    /// Share of the wall on which R3 and R4 are closely positioned: [`CLOSE_DEG`].
     pub close: f64,
     /// Least drag per newton of press, every millimetre; `None`: no brake holds.
     pub drag: Vec<Option<f64>>,
@@ -212,7 +214,7 @@ fn along_wall(device: &DeviceDefinition) -> AlongWall {
         }
         cones.push(cone_deg(&R));
         nearest_deg = nearest_deg.max(nearest_of_all_deg(&R));
-        close += u32::from(r3_r4_deg(&R) < 20.0);
+        close += u32::from(r3_r4_deg(&R) < CLOSE_DEG);
         drag.push(found.map(|(_, _, q)| q));
     }
     let widest = cones.iter().copied().fold(0.0, f64::max);
@@ -296,15 +298,6 @@ fn watched(
         .filter(moves)
         .filter_map(|moment| Some([-moment.F_hand_BH_N.y, moment.gamma_rad?.min(1.5).tan()]))
         .collect();
-    let mut steps_N = [0.0f64; 2];
-    for near in sliding.windows(4) {
-        // The change of brakes may show a tick before or after the force does.
-        let changes = near.windows(2).any(|two| two[0].leading != two[1].leading);
-        let step = (near[2].F_BH_N - near[1].F_BH_N).norm();
-        let place = usize::from(!changes);
-        steps_N[place] = steps_N[place].max(step);
-    }
-    let desired_N = STIFFNESS_N_PER_M * 1e-3 * figures.penetration_mm.max(0.0);
     let correlation = correlation(&pairs);
     let [gamma_max_deg, gamma_max_y_m] = leading_gamma(device, &sliding);
     Slide {
@@ -313,10 +306,30 @@ fn watched(
         gamma_max_deg,
         gamma_max_y_m,
         correlation,
-        steps_N,
+        steps_N: steps_N(&sliding),
         leaders: leaders(&sliding),
-        desired_N,
+        desired_N: desired_N(&figures),
     }
+}
+
+/// The wall's force that the deepest penetration means.
+pub(super) fn desired_N(figures: &Figures) -> f64 {
+    STIFFNESS_N_PER_M * 1e-3 * figures.penetration_mm.max(0.0)
+}
+
+/// Largest change of the brakes' force in a tick of the slide, its first and last one too: where
+/// the leading brake changes, and elsewhere.
+fn steps_N(sliding: &[&Moment]) -> [f64; 2] {
+    let mut most_N = [0.0f64; 2];
+    for (k, pair) in sliding.windows(2).enumerate() {
+        // The change of brakes may show a tick before or after the force does.
+        let near = &sliding[k.saturating_sub(1)..(k + 3).min(sliding.len())];
+        let changes = near.windows(2).any(|two| two[0].leading != two[1].leading);
+        let step_N = (pair[1].F_BH_N - pair[0].F_BH_N).norm();
+        let place = usize::from(!changes);
+        most_N[place] = most_N[place].max(step_N);
+    }
+    most_N
 }
 
 /// The brake that leads most often in each centimetre, without repetition.
@@ -351,6 +364,18 @@ mod tests {
         let y_m = r1_off(&device).unwrap();
         assert!(y_m < second.y_m[1], "{y_m}");
         assert_eq!(paths_out(&device), [true, false]);
+    }
+
+    #[test]
+    fn steps_at_changes_and_elsewhere_are_all_steps_of_the_slide() {
+        let device = DeviceDefinition::load("cho-2005").unwrap();
+        let experiment = Experiment { strategy: Strategy::Sliding, ..Experiment::default() };
+        let mut moments = Vec::new();
+        let figures = run_with(&experiment, None, |moment| moments.push(*moment)).unwrap();
+        let slide = watched(&device, Strategy::Sliding, figures, &moments);
+        let [at_changes_N, elsewhere_N] = slide.steps_N;
+        assert!(at_changes_N > 0.0 && elsewhere_N > 0.0, "{slide:?}");
+        assert_eq!(at_changes_N.max(elsewhere_N), figures.step_max_N);
     }
 
     #[test]

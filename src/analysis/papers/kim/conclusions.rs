@@ -58,7 +58,7 @@ pub fn conclusions(kim: &Kim) -> Vec<Conclusion> {
 fn device(kim: &Kim) -> Vec<Conclusion> {
     let worst = |of: fn(&super::Spread) -> f64| kim.spreads.iter().map(of).fold(0.0, f64::max);
     let (three, six) = (worst(|one| one.three[1]), worst(|one| one.six[1]));
-    let [base, _, both] = &kim.resolutions[..] else { return Vec::new() };
+    let [base, _, both, _] = &kim.resolutions[..] else { return Vec::new() };
     vec![
         Conclusion::judged(
             ("Section 1", "more actuators than mobility M: redundantly actuated"),
@@ -167,32 +167,35 @@ fn schemes(kim: &Kim) -> Vec<Conclusion> {
 }
 
 fn resolution(kim: &Kim) -> Vec<Conclusion> {
-    let [base, floating, both] = &kim.resolutions[..] else { return Vec::new() };
+    let [base, floating, both, wide] = &kim.resolutions[..] else { return Vec::new() };
     let figures = format!(
-        "mean error {:.4} N (base alone {:.4}, floating alone {:.4}); force in every direction \
-         {:.1} N ({:.1}, {:.1})",
+        "mean error {:.4} N, over their own range {:.4} (base alone {:.4}, floating alone {:.4}); \
+         force in every direction {:.1} N ({:.1}, {:.1})",
         both.error_N[0],
+        wide.error_N[0],
         base.error_N[0],
         floating.error_N[0],
         both.range_N,
         base.range_N,
         floating.range_N
     );
-    let fine = both.error_N[0] < 0.1 * base.error_N[0];
+    let fine = [both, wide].map(|set| set.error_N[0] < 0.1 * base.error_N[0]);
     let strong = both.range_N > 2.0 * floating.range_N;
     vec![
         Conclusion::judged(
             ("Abstract", "two sets of actuators reflect force of high and low resolution"),
-            "both sets together are ten times finer than the base motors alone, and give twice \
-             the force of the floating ones alone",
-            &[fine, strong],
+            "both sets together are ten times finer than the base motors alone, for forces up to \
+             half of what the floating ones can give; and up to half of what both can; they give \
+             twice the force of the floating ones alone",
+            &[fine[0], fine[1], strong],
             figures.clone(),
         ),
         Conclusion::judged(
             ("Conclusion", "weights with the torque limit allow both resolutions"),
-            "as above, by steps: base torques rounded first, floating motors carry the rest; and \
-             weights with the one-joint limit keep nine in ten feasible wrenches in their limits",
-            &[fine && strong, solved_percent(kim, ONCE) > 90.0],
+            "as above, all three, by steps: the coarser motors are rounded first, the finer ones \
+             carry the rest; weights with the one-joint limit keep nine in ten feasible wrenches in \
+             their limits",
+            &[fine == [true; 2] && strong, solved_percent(kim, ONCE) > 90.0],
             format!("{figures}; {:.1} %", solved_percent(kim, ONCE)),
         ),
     ]
@@ -218,7 +221,9 @@ mod tests {
         other.peak_Nm[WEIGHTED][3] = 0.3;
         other.norm_Nm[WEIGHTED] = 0.0;
         other.mobility = 7;
-        other.resolutions[2].error_N[0] = other.resolutions[0].error_N[0];
+        for set in [2, 3] {
+            other.resolutions[set].error_N[0] = other.resolutions[0].error_N[0];
+        }
         let turned = conclusions(&other);
         for begins in [
             "the device is singularity-free",

@@ -91,7 +91,7 @@ pub struct Kim {
     pub story: Story,
     /// Keeping to the limits, by share of the range.
     pub levels: Vec<Level>,
-    /// Base motors alone, floating alone, both.
+    /// Base motors alone, floating alone, both, both over their own range.
     pub resolutions: Vec<Resolution>,
     /// At random poses, for each radius of the base circle.
     pub spreads: Vec<Spread>,

@@ -2,7 +2,7 @@
 
 use super::conclusions::{conclusions, solved_percent};
 use super::measure::Kim;
-use crate::analysis::experiment::force_distribution::{Scheme, pushed_pose};
+use crate::analysis::experiment::force_distribution::{ROUNDING, Scheme, pushed_pose};
 use crate::analysis::papers::Page;
 use crate::analysis::papers::page::{Compared, tiny};
 
@@ -97,23 +97,27 @@ fn torques(page: &mut Page, kim: &Kim) {
         "As Figures 4 (upper left), 5 (upper right), 6 (lower left) and 7 (lower right).",
     );
     page.say(format!(
-        "The floating motor reaches {:.3} N m, beyond its 0.4 N m; the base motor {:.3} N m, far \
-         from its limit.",
+        "The floating motor reaches {:.3} N m of its {} N m; the base motor {:.3} of its {} N m.",
         peak(0, 1),
-        peak(0, 0)
+        kim.study.limits_Nm[1],
+        peak(0, 0),
+        kim.study.limits_Nm[0]
     ));
     page.item("Figure 5", "the same with weights");
     page.say(format!(
-        "The floating motor falls to {:.3} N m; its chain's base motor takes {:.3} N m, and most of \
-         the burden goes to the base motor of chain 3 ({:.3} to {:.3} N m).",
+        "The floating motor reaches {:.3} N m, its chain's base motor {:.3} N m; largest torque of \
+         the base motors of chains 2 and 3 without and with weights: {:.3} to {:.3} and {:.3} to \
+         {:.3} N m.",
         peak(1, 1),
         peak(1, 0),
+        peak(0, 2),
+        peak(1, 2),
         peak(0, 4),
         peak(1, 4)
     ));
     page.item("Figure 6", "another chain with weights, over the limit");
     page.say(format!(
-        "In chain 2 the floating motor still reaches {:.3} N m ({:.3} without weights).",
+        "In chain 2 the floating motor reaches {:.3} N m ({:.3} without weights).",
         peak(1, 3),
         peak(0, 3)
     ));
@@ -141,13 +145,13 @@ fn reproduction(page: &mut Page, kim: &Kim) {
     let percent = |part: usize, of: usize| 100.0 * part as f64 / of.max(1) as f64;
     page.heading("What reproduces, and what does not");
     page.say(format!(
-        "* The story of Figures 4 to 7 does, in one pose. It is no special one: of {} pushes of \
-         20 N at random poses and directions, {:.0} % take a floating motor beyond 0.4 N m under \
-         least norm and {:.0} % under weights; the weights lower the largest floating torque in \
-         {:.0} %.\n\
-         * \"Without any additional torque saturation\" (Figure 7) is luck of the pose: of the {} \
-         pushes that saturate a motor under weights the one-joint method brings {:.0} % within \
-         all limits, where the exact solution brings {:.0} %.\n\
+        "* Figures 4 to 7 were matched in one pose (numbers above). At random ones: of {} pushes \
+         of 20 N in random directions, {:.0} % take a floating motor beyond {} N m under least \
+         norm and {:.0} % under weights; the weights lower the largest floating torque in {:.0} \
+         %.\n\
+         * \"Without any additional torque saturation\" (Figure 7): of the {} pushes that saturate \
+         a motor under weights the one-joint method brings {:.0} % within all limits, where the \
+         exact solution brings {:.0} %.\n\
          * Curves cannot be compared point by point: pose, weights, base limits and radius are \
          not given.\n\
          * Misprints met on the way: the second `-2g2` of Eq 6 and 9 is `-2g3` (as printed A has \
@@ -155,6 +159,7 @@ fn reproduction(page: &mut Page, kim: &Kim) {
          must carry the sign of the saturated torque, or a motor at -0.5 N m is sent to +0.4.",
         story.pushes,
         percent(story.over_least_norm, story.pushes),
+        kim.study.limits_Nm[1],
         percent(story.over_weighted, story.pushes),
         percent(story.lowered, story.pushes),
         story.over_weighted,
@@ -162,8 +167,8 @@ fn reproduction(page: &mut Page, kim: &Kim) {
         percent(story.mended_exactly, story.over_weighted),
     ));
     page.say(
-        "With six motors the radius of the base circle changes little. Condition number of the map from torques \
-         to wrenches (moments on 0.1 m) over random poses, median and largest:",
+        "The radius of the base circle, which the paper does not give: condition number of the map \
+         from torques to wrenches (moments on 0.1 m) over random poses, median and largest:",
     );
     let rows = kim.spreads.iter().map(|one| {
         let ends = |[middle, most]: [f64; 2]| format!("{middle:.1}, {most:.0}");
@@ -197,16 +202,17 @@ fn past(page: &mut Page, kim: &Kim) {
     page.table(&head, &rows.collect::<Vec<_>>());
     page.say(format!(
         "`null-space-iterated` pins the worst motor again and again, base motors too: {:.1} % \
-         against {:.1} % for the published one-joint method. The exact bounded solution always \
-         solves, says when a wrench is infeasible, and gives the nearest one then.",
+         against {:.1} % for the published one-joint method. The exact bounded solution keeps \
+         {:.1} %, says when a wrench is infeasible, and gives the nearest one then.",
         solved_percent(kim, 3),
-        solved_percent(kim, 2)
+        solved_percent(kim, 2),
+        solved_percent(kim, 4)
     ));
     let [coarse, fine] = kim.study.steps_Nm;
     page.say(format!(
         "**Coarse and fine**, with steps of {coarse} N m at the base and {fine} N m in the \
-         floating motors, for forces up to half of what the floating motors can give: base \
-         torques are rounded first and the floating motors carry what that leaves.",
+         floating motors. {ROUNDING} Forces are up to half of what the floating motors can give in \
+         that direction; in the last row up to half of what both sets can give.",
     ));
     let rows = kim.resolutions.iter().map(|set| {
         let errors = set.error_N.map(|error| format!("{error:.4}"));
@@ -225,9 +231,15 @@ fn past(page: &mut Page, kim: &Kim) {
         ],
         &rows.collect::<Vec<_>>(),
     );
-    page.picture(
-        "kim-2003-resolution",
-        "Share of forces whose error is at most this: both sets together are as fine as the fine \
-         one and as strong as the strong one.",
-    );
+    if let [base, floating, both, wide] = &kim.resolutions[..] {
+        page.say(format!(
+            "Mean error of both sets over that of the floating ones alone: {:.2} for forces that \
+             these can give, {:.2} over the larger ones. Force in every direction over that of the \
+             base motors alone: {:.2}.",
+            both.error_N[0] / floating.error_N[0],
+            wide.error_N[0] / floating.error_N[0],
+            both.range_N / base.range_N
+        ));
+    }
+    page.picture("kim-2003-resolution", "Share of forces whose error is at most this.");
 }

@@ -8,7 +8,7 @@ mod conclusions;
 mod measure;
 mod page;
 
-pub use brute::Brute;
+pub use brute::{Brute, FIGURE_4, Parallel};
 pub use conclusions::conclusions;
 pub use measure::{
     Axis, Force, OPTIMUM, Singh, Winner, best_by_share, finest_by_share, measure, winners,

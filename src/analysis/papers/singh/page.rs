@@ -1,10 +1,14 @@
 //! The page of Singh et al.
 
+use super::brute::FIGURE_4;
 use super::conclusions::conclusions;
 use super::measure::{OPTIMUM, Singh, Winner};
 use crate::analysis::design::symmetric::{CountGrid, Lengths};
 use crate::analysis::papers::Page;
-use crate::analysis::papers::page::Compared;
+use crate::analysis::papers::page::{Compared, tiny};
+
+/// The paper's other minimum.
+const RIVAL: Lengths = Lengths { a1: 9.0, a2: 14.0, a3: 3.0 };
 
 fn named(lengths: &Lengths) -> String {
     format!("({}, {}, {})", lengths.a1, lengths.a2, lengths.a3)
@@ -53,6 +57,17 @@ fn kinematics(page: &mut Page, singh: &Singh) {
         "A design with r2 = r3 (condition (d) broken): with the driven links parallel C lies \
          between B1 and B2, whatever their angle; with all links along the base no motion is held.",
     );
+    let found = &singh.brute.parallel;
+    page.say(format!(
+        "{}, driven links parallel, over a whole turn, determinants over their lengths: that of \
+         the distal links {} at most, that of the legs {:.2} at most and {} along the base, where \
+         the singularity is {}.",
+        named(&FIGURE_4),
+        tiny(found.most_direct),
+        found.most_inverse,
+        tiny(found.inverse_along_base),
+        if found.combined() { "combined" } else { "not combined" }
+    ));
     let met = singh.conditions;
     let word = |met: bool| if met { "met" } else { "**broken**" }.to_owned();
     let brute = &singh.brute;
@@ -80,7 +95,14 @@ fn kinematics(page: &mut Page, singh: &Singh) {
                 word(met.c),
                 format!("{} of {} with (b) break (c) or (d)", brute.b_without_cd, brute.b[0]),
             ],
-            vec!["(d) r2 != r3".into(), word(met.d), none.clone()],
+            vec![
+                "(d) r2 != r3".into(),
+                word(met.d),
+                format!(
+                    "combined: {} of {} with (a) to (d), {} of {} others",
+                    brute.met[1], brute.met[0], brute.broken[1], brute.broken[0]
+                ),
+            ],
             vec!["(e) r1 + r2 + r3 = 3".into(), word(met.e), none],
         ],
     );
@@ -145,9 +167,9 @@ fn search(page: &mut Page, singh: &Singh) {
          radius of the largest inscribed circle.",
     );
     let [a, b, c] = singh.bases;
-    page.say(format!("Means {a:.1}, {b:.1}, {c:.1} for a3 = 3, 4, 5 cm: shorter is better."));
+    let trend = if a < b && b < c { ": shorter is better" } else { "" };
+    page.say(format!("Means {a:.1}, {b:.1}, {c:.1} for a3 = 3, 4, 5 cm{trend}."));
     page.item("Figure 7", "performance parameter over the inscribed circle");
-    let rival = Lengths { a1: 9.0, a2: 14.0, a3: 3.0 };
     let count = |lengths| {
         let one = singh.found.iter().find(|one| one.lengths == lengths);
         one.map_or(f64::NAN, |one| one.counts.above_5() as f64)
@@ -155,7 +177,7 @@ fn search(page: &mut Page, singh: &Singh) {
     page.say(format!(
         "Right panel above. In the paper (9, 14, 3) and (10, 15, 3) are equal; here they have {} \
          and {} places.",
-        count(rival),
+        count(RIVAL),
         count(OPTIMUM)
     ));
     let [radius, height, printed] = singh.circle;
@@ -192,9 +214,17 @@ fn ellipses(page: &mut Page, singh: &Singh) {
     page.item("Figure 9", "ellipses over the workspace");
     page.say(format!(
         "Right panel above. For a torque norm of 1 N m, mean over directions and worst direction: \
-         {:.1} and {:.1} N within 3 cm of the middle, {:.1} and {:.1} N within 1 cm of the rims. A \
-         leg near its end is strong along itself, so the mean is larger at the rims, not smaller.",
-        singh.force.middle[0], singh.force.middle[1], singh.force.edge[0], singh.force.edge[1]
+         {:.1} and {:.1} N within 3 cm of the middle, {:.1} and {:.1} N within 1 cm of the rims.{}",
+        singh.force.middle[0],
+        singh.force.middle[1],
+        singh.force.edge[0],
+        singh.force.edge[1],
+        if singh.force.edge[0] > singh.force.middle[0] {
+            " A leg near its end is strong along itself, so the mean is larger at the rims, not \
+             smaller."
+        } else {
+            ""
+        }
     ));
     page.item("Figure 10", "prototype");
     page.say("A photograph of hardware: nothing to compute.");
@@ -202,10 +232,7 @@ fn ellipses(page: &mut Page, singh: &Singh) {
 
 fn reproduction(page: &mut Page, singh: &Singh) {
     page.heading("What reproduces, and what does not");
-    page.say(
-        "* The optimum does, under the grid above, and by two places only; the tie with (9, 14, 3) \
-         does not. On other grids the winner moves:",
-    );
+    page.say(format!("{} On all grids tried:", optimum_told(singh)));
     let rows = singh.winners.iter().map(|one| {
         vec![
             one.grid.clone(),
@@ -225,6 +252,21 @@ fn reproduction(page: &mut Page, singh: &Singh) {
          others; circles are intersected instead.\n\
          * (c) and (d) follow from (b): r2 > r1 + r3 makes r3 < r2 and r3 < r1 + r2.",
     );
+}
+
+/// What of the optimum and of the tie comes out under the stated grid.
+fn optimum_told(singh: &Singh) -> String {
+    let [best, second] = [0, 1].map(|place| singh.found[place]);
+    let first = if best.lengths == OPTIMUM {
+        let lead = second.counts.above_5() - best.counts.above_5();
+        format!("* The optimum does, under the grid above, by {lead} places")
+    } else {
+        format!("* The optimum does not: under the grid above {} wins", named(&best.lengths))
+    };
+    let rival = singh.found.iter().find(|one| one.lengths == RIVAL);
+    let tied = rival.is_some_and(|one| one.counts.above_5() == best.counts.above_5());
+    let tie = if tied { "so does the tie" } else { "there is no tie" };
+    format!("{first}; {tie} with {}.", named(&RIVAL))
 }
 
 fn past(page: &mut Page, singh: &Singh) {

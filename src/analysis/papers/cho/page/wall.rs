@@ -7,7 +7,7 @@ use crate::analysis::papers::Page;
 use crate::analysis::papers::page::Compared;
 
 pub(super) fn rule(page: &mut Page, cho: &Cho) {
-    let [picks, literal, _, none] = cho.regions.coercive;
+    let [picks, literal, mended, none] = cho.regions.coercive;
     page.item("Figure 11", "the coercive rule");
     page.picture(
         "cho-2005-fig-11",
@@ -16,7 +16,7 @@ pub(super) fn rule(page: &mut Page, cho: &Cho) {
     );
     page.say(format!(
         "The rule as printed is incomplete: without also asking phi_R <= pi (>= pi on the other \
-         side) {literal} of {picks} random picks lead *into* the wall; with it none does, and in \
+         side) {literal} of {picks} random picks lead *into* the wall; with it {mended} do, and in \
          {none} nothing can be picked: the hand pushes within the pseudo friction cone."
     ));
     page.item("Figure 12", "the experimental setup");
@@ -109,7 +109,8 @@ pub(super) fn slides(page: &mut Page, cho: &Cho) {
     page.say(
         "*gamma max*: largest angle between the wall's normal and the reference force of the brake \
          that leads, while the handle moves; *hand ~ tan gamma*: correlation of the hand's force \
-         along the wall with tan gamma.",
+         along the wall with tan gamma; *step N*: largest change of the brakes' force in 1 ms of \
+         this one slide (lag 2 ms, one seed), where the leading brake changes and elsewhere.",
     );
     page.table(
         &[
