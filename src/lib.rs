@@ -15,6 +15,7 @@
 //! | [`environment`] | PURE what the world wants: shapes, materials, fields |
 //! | [`actuation`] | PURE what the actuators can do: bounds, allocation, wall laws |
 //! | [`wire`] | PURE datagram bytes and values |
+//! | [`impairment`] | PURE a bad network, from a seed |
 //! | [`link`] | the bridges of the real-time thread |
 //! | [`control`] | PURE one tick: sample, setpoint and plan become a decision |
 //! | [`session`] | PURE who may command: handshake, lease, liveness |
@@ -71,6 +72,7 @@ pub mod environment;
 pub mod explain;
 #[cfg(feature = "net")]
 pub mod host;
+pub mod impairment;
 pub mod link;
 pub mod mechanism;
 #[cfg(feature = "net")]

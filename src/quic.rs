@@ -4,19 +4,22 @@
 //! A late force is worse than a lost one, so nothing is queued: room for the newest
 //! datagrams, the oldest goes. Used by `net` and `client`, which do not know each other.
 
+use std::any::Any;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
+use quinn::congestion::{Controller, ControllerFactory};
 use quinn::{IdleTimeout, TransportConfig, VarInt};
 use rustls::crypto::CryptoProvider;
 
-use crate::wire::{MAX_COMMAND_BYTES, MAX_STATE_BYTES, PROTOCOL};
+use crate::notation::MAX_ACTUATORS;
+use crate::wire::{MAX_COMMAND_BYTES, PROTOCOL, max_detailed_bytes};
 
 /// quinn counts this much beside the bytes of each datagram it holds.
 const BOOKKEEPING_BYTES: usize = 32;
 
-/// Datagrams that may wait: State or Command, and a Ping or Pong beside them.
-const WAITING: usize = 3;
+/// Datagrams that may wait: the newest State or Command, and a Ping or Pong beside it.
+const WAITING: usize = 2;
 
 /// First guess of the round trip; the default of 333 ms would slow the first retries.
 const INITIAL_RTT: Duration = Duration::from_millis(10);
@@ -27,6 +30,68 @@ const IDLE: Duration = Duration::from_secs(3);
 
 /// Keeps an idle observer alive.
 const KEEP_ALIVE: Duration = Duration::from_millis(200);
+
+/// Longest round trip at which a datagram every millisecond still fits into the window.
+const LONGEST_RTT: Duration = Duration::from_millis(250);
+
+/// Commands a second of a client; one that sends more often waits its turn.
+const COMMANDS_PER_S: f64 = 1_000.0;
+
+/// What QUIC, UDP and IP add to a datagram, about.
+const HEADERS_BYTES: usize = 60;
+
+/// A congestion window that stays as it is: what a stream of datagrams of this size has on its
+/// way at the longest round trip.
+///
+/// Datagrams of touch cannot wait, and a window that shrinks with every loss makes them: at 60 ms
+/// and 3 % a usual controller delivers half of them. The stream sends no more than its rate, and
+/// the session slows it where losses last or delays grow; that is what makes this fair.
+#[derive(Clone, Copy, Debug)]
+struct FixedWindow {
+    bytes: u64,
+}
+
+impl FixedWindow {
+    fn of(datagram_bytes: usize, per_s: f64) -> Self {
+        let in_flight = (per_s * LONGEST_RTT.as_secs_f64()).ceil() as u64;
+        Self { bytes: in_flight * (datagram_bytes + HEADERS_BYTES) as u64 }
+    }
+}
+
+impl Controller for FixedWindow {
+    fn on_congestion_event(
+        &mut self,
+        _now: Instant,
+        _sent: Instant,
+        _persistent: bool,
+        _lost: u64,
+    ) {
+    }
+
+    fn on_mtu_update(&mut self, _new_mtu: u16) {}
+
+    fn window(&self) -> u64 {
+        self.bytes
+    }
+
+    fn clone_box(&self) -> Box<dyn Controller> {
+        Box::new(*self)
+    }
+
+    fn initial_window(&self) -> u64 {
+        self.bytes
+    }
+
+    fn into_any(self: Box<Self>) -> Box<dyn Any> {
+        self
+    }
+}
+
+impl ControllerFactory for FixedWindow {
+    fn build(self: Arc<Self>, _now: Instant, _current_mtu: u16) -> Box<dyn Controller> {
+        Box::new(*self)
+    }
+}
 
 /// The application protocol of the handshake.
 pub fn alpn() -> Vec<u8> {
@@ -46,13 +111,14 @@ pub fn fingerprint(certificate_der: &[u8]) -> [u8; 32] {
     bytes
 }
 
-/// Transport settings of an end that sends datagrams of up to `sends_bytes` and takes those
-/// of up to `takes_bytes`.
-fn transport(sends_bytes: usize, takes_bytes: usize) -> Arc<TransportConfig> {
+/// Transport settings of an end that sends datagrams of up to `sends_bytes`, so many a second,
+/// and takes those of up to `takes_bytes`.
+fn transport(sends_bytes: usize, per_s: f64, takes_bytes: usize) -> Arc<TransportConfig> {
     let mut config = TransportConfig::default();
     let idle = IdleTimeout::from(VarInt::from_u32(IDLE.as_millis() as u32));
     config
         .initial_rtt(INITIAL_RTT)
+        .congestion_controller_factory(Arc::new(FixedWindow::of(sends_bytes, per_s)))
         .max_idle_timeout(Some(idle))
         .keep_alive_interval(Some(KEEP_ALIVE))
         .datagram_send_buffer_size(WAITING * (sends_bytes + BOOKKEEPING_BYTES))
@@ -64,12 +130,28 @@ fn transport(sends_bytes: usize, takes_bytes: usize) -> Arc<TransportConfig> {
     Arc::new(config)
 }
 
-/// The server's end.
-pub fn server_transport() -> Arc<TransportConfig> {
-    transport(MAX_STATE_BYTES, MAX_COMMAND_BYTES)
+/// The server's end; so many States a second at most go to one client.
+pub fn server_transport(states_per_s: f64) -> Arc<TransportConfig> {
+    transport(max_detailed_bytes(MAX_ACTUATORS), states_per_s, MAX_COMMAND_BYTES)
 }
 
 /// A client's end. It has room for datagrams as large as a Command, more than a State needs.
 pub fn client_transport() -> Arc<TransportConfig> {
-    transport(MAX_COMMAND_BYTES, MAX_COMMAND_BYTES)
+    transport(MAX_COMMAND_BYTES, COMMANDS_PER_S, MAX_COMMAND_BYTES)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_window_holds_what_is_on_its_way_and_no_loss_makes_it_smaller() {
+        let window = Arc::new(FixedWindow::of(260, 1_000.0));
+        // 320 bytes a millisecond for a quarter of a second.
+        assert_eq!(window.bytes, 80_000);
+        let now = Instant::now();
+        let mut controller = window.build(now, 1_200);
+        controller.on_congestion_event(now, now, true, 60_000);
+        assert_eq!((controller.window(), controller.initial_window()), (80_000, 80_000));
+    }
 }

@@ -260,7 +260,7 @@ fn server_config(
     tls.alpn_protocols = vec![quic::alpn()];
     let tls = QuicServerConfig::try_from(tls)?;
     let mut config = quinn::ServerConfig::with_crypto(Arc::new(tls));
-    config.transport_config(quic::server_transport());
+    config.transport_config(quic::server_transport(1_000.0));
     Ok(config)
 }
 

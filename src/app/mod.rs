@@ -12,6 +12,7 @@ mod daemon;
 mod device;
 pub mod echo;
 mod log;
+pub mod netsim;
 mod reachable;
 mod services;
 mod signals;

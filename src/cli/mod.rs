@@ -19,6 +19,7 @@ mod explain;
 mod format;
 mod hand;
 mod manipulability;
+mod netsim;
 mod object;
 mod object_fields;
 mod object_print;
@@ -61,6 +62,7 @@ enum Command {
     Ctl(ctl::Ctl),
     Explain(explain::Explain),
     Ping(ping::Ping),
+    Netsim(netsim::Netsim),
     Record(record::Record),
     Replay(replay::Replay),
     Top(top::Top),
@@ -81,6 +83,7 @@ pub fn run() -> ExitCode {
         Command::Ctl(command) => command.run(),
         Command::Explain(command) => command.run(),
         Command::Ping(command) => command.run(),
+        Command::Netsim(command) => command.run(),
         Command::Record(command) => command.run(),
         Command::Replay(command) => command.run(),
         Command::Top(command) => command.run(),

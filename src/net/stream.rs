@@ -97,7 +97,8 @@ impl Drop for StreamHandle {
 
 /// Starts the thread.
 pub fn spawn(parts: StreamParts) -> Result<StreamHandle, StreamError> {
-    let config = server_config(&parts.identity)?;
+    let fastest_ns = parts.devices.iter().map(|device| device.sessions.tick_ns).min();
+    let config = server_config(&parts.identity, 1e9 / fastest_ns.unwrap_or(u64::MAX) as f64)?;
     let address = parts.socket.local_addr()?;
     parts.socket.set_nonblocking(true)?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
@@ -110,7 +111,7 @@ pub fn spawn(parts: StreamParts) -> Result<StreamHandle, StreamError> {
     Ok(StreamHandle { address, shutdown: Some(shutdown), thread: Some(thread) })
 }
 
-fn server_config(identity: &Identity) -> Result<ServerConfig, StreamError> {
+fn server_config(identity: &Identity, states_per_s: f64) -> Result<ServerConfig, StreamError> {
     let chain = vec![identity.certificate.clone()];
     let mut tls = rustls::ServerConfig::builder_with_provider(quic::provider())
         .with_protocol_versions(&[&rustls::version::TLS13])?
@@ -120,7 +121,7 @@ fn server_config(identity: &Identity) -> Result<ServerConfig, StreamError> {
     let tls = QuicServerConfig::try_from(tls)
         .map_err(|error| rustls::Error::General(error.to_string()))?;
     let mut config = ServerConfig::with_crypto(Arc::new(tls));
-    config.transport_config(quic::server_transport());
+    config.transport_config(quic::server_transport(states_per_s));
     Ok(config)
 }
 

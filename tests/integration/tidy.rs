@@ -20,6 +20,7 @@ const LAYERS: &[&str] = &[
     "environment",
     "actuation",
     "wire",
+    "impairment",
     "link",
     "control",
     "session",
@@ -55,8 +56,16 @@ const STRANGERS: &[(&str, &str)] = &[
 ];
 
 /// Modules of values and `now` alone.
-const PURE: &[&str] =
-    &["mechanism", "environment", "actuation", "wire", "control", "session", "explain"];
+const PURE: &[&str] = &[
+    "mechanism",
+    "environment",
+    "actuation",
+    "wire",
+    "impairment",
+    "control",
+    "session",
+    "explain",
+];
 
 /// What belongs to the rim, and the modules that are it.
 const NETWORK: &[&str] = &[

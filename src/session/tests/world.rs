@@ -1,17 +1,22 @@
 //! A device that ticks, its sessions, and scripted clients on bad networks, in virtual time.
 
-use super::link::{Impairment, Link, Packet};
+use super::link::{self, Link, Packet};
 use super::*;
+use crate::impairment::Impairment;
 use crate::proto::{Pong, SessionState};
 
 /// What a client answers a State with: its number, its clock, the State.
 pub type Answer = fn(u64, u64, &State) -> Command;
 
-pub const GOOD: Impairment =
-    Impairment { loss: 0.0, duplicates: 0.0, delay_ns: 100_000, jitter_ns: 0 };
+pub const GOOD: Impairment = Impairment { delay_ns: 100_000, ..Impairment::NONE };
 
-pub const BAD: Impairment =
-    Impairment { loss: 0.2, duplicates: 0.1, delay_ns: 20 * MS, jitter_ns: 15 * MS };
+pub const BAD: Impairment = Impairment {
+    loss: 0.2,
+    duplicates: 0.1,
+    delay_ns: 20 * MS,
+    jitter_ns: 15 * MS,
+    ..Impairment::NONE
+};
 
 /// A scripted client: says Hello, answers every State with a wall, and every Ping.
 pub struct Client {
@@ -40,7 +45,7 @@ impl Client {
     fn start(sessions: &mut Sessions, hello: Hello, network: Impairment, seed: u64) -> Self {
         let id = sessions.connect(Transport::Quic, 0).unwrap();
         let mut up = Link::new(network, seed);
-        up.send(Packet::Message(say(Body::Hello(hello))), 0);
+        link::send(&mut up, Packet::Message(say(Body::Hello(hello))), 0);
         Self {
             id,
             up,
@@ -93,9 +98,10 @@ impl Client {
                     sent_ns: ping.sent_ns,
                     received_ns: now_ns + self.ahead_ns,
                     returned_ns: now_ns + self.ahead_ns,
+                    states_received: self.states,
                 };
                 let bytes = wire::encode(&DatagramBody::Pong(pong));
-                self.up.send(Packet::Datagram(bytes), now_ns);
+                link::send(&mut self.up, Packet::Datagram(bytes), now_ns);
             }
             other => panic!("{other:?} is not for a client"),
         }
@@ -119,7 +125,7 @@ impl Client {
         let event_ack = self.events.last().copied().unwrap_or(0);
         let command = Command { event_ack, ..(self.answer)(self.next_seq, clock_ns, state) };
         self.next_seq += 1;
-        self.up.send(Packet::Datagram(datagram(command)), now_ns);
+        link::send(&mut self.up, Packet::Datagram(datagram(command)), now_ns);
     }
 }
 
@@ -200,7 +206,7 @@ impl World {
     fn send(&mut self, to: SessionId, packet: Packet) {
         let now_ns = self.now_ns;
         let client = self.clients.iter_mut().find(|client| client.id == to).unwrap();
-        client.down.send(packet, now_ns);
+        link::send(&mut client.down, packet, now_ns);
     }
 
     pub fn add(&mut self, role: Role, network: Impairment, seed: u64) -> usize {
