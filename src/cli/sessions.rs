@@ -161,6 +161,7 @@ fn session_json(session: &Session) -> Value {
         "delay_variation_s": session.delay_variation_s,
         "round_trip_s": session.round_trip_s,
         "felt_stiffness_ratio": session.felt_stiffness_ratio,
+        "slowed_by": session.slowed_by,
         "clutched": session.clutched,
         "lease_epoch": session.lease_epoch,
         "last_refusal": session.last_refusal,

@@ -45,6 +45,8 @@ pub struct Options {
     pub workspace: Option<Workspace>,
     /// Of a session that a call has opened: this stream joins it, on its terms. Else empty.
     pub ticket: Vec<u8>,
+    /// Share of the rendered force that may change before State is sent again; 0: every State.
+    pub deadband: f32,
 }
 
 impl Options {
@@ -61,6 +63,7 @@ impl Options {
             detail: false,
             workspace: None,
             ticket: Vec::new(),
+            deadband: 0.0,
         }
     }
 
@@ -78,6 +81,7 @@ impl Options {
             detail: self.detail,
             workspace: self.workspace.clone(),
             ticket: self.ticket.clone(),
+            deadband: self.deadband,
         }
     }
 }
@@ -109,6 +113,7 @@ pub struct Client {
     ping: Option<Interval>,
     started: Instant,
     command_seq: u64,
+    states_received: u64,
     ping_seq: u64,
     /// Numbers of the pings that are not answered, with when they were sent.
     unanswered: BTreeMap<u64, Instant>,
@@ -146,6 +151,7 @@ impl Client {
             ping,
             started: Instant::now(),
             command_seq: 0,
+            states_received: 0,
             ping_seq: 0,
             unanswered: BTreeMap::new(),
             event_id: 0,
@@ -310,7 +316,10 @@ impl Client {
 
     fn on_datagram(&mut self, bytes: &[u8]) -> Result<Option<Incoming>, ClientError> {
         match wire::decode(bytes) {
-            Ok(Body::State(state)) => Ok(Some(Incoming::State(Box::new(state)))),
+            Ok(Body::State(state)) => {
+                self.states_received += 1;
+                Ok(Some(Incoming::State(Box::new(state))))
+            }
             Ok(Body::Ping(ping)) => {
                 let now_ns = self.now_ns();
                 let Ping { seq, sent_ns } = ping;
@@ -319,6 +328,7 @@ impl Client {
                     sent_ns,
                     received_ns: now_ns,
                     returned_ns: now_ns,
+                    states_received: self.states_received,
                 }))?;
                 Ok(None)
             }

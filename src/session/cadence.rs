@@ -16,15 +16,20 @@ impl Cadence {
         Self { interval_ns, next_ns: 0 }
     }
 
-    /// True when this tick's State is due, at most once per tick.
-    pub fn due(&mut self, tick: u64, tick_ns: u64) -> bool {
+    /// True when this tick's State is due, at most once per tick; so many times as seldom as was
+    /// asked for.
+    pub fn due(&mut self, tick: u64, tick_ns: u64, slowed_by: u32) -> bool {
+        let interval_ns = match slowed_by {
+            0 | 1 => self.interval_ns,
+            _ => self.interval_ns.max(tick_ns).saturating_mul(slowed_by.into()),
+        };
         let tick_time_ns = tick.saturating_mul(tick_ns);
         if tick_time_ns < self.next_ns {
             return false;
         }
         // After a gap the rhythm starts anew: nothing is caught up with.
-        let kept_ns = self.next_ns.saturating_add(self.interval_ns);
-        let fresh_ns = tick_time_ns.saturating_add(self.interval_ns);
+        let kept_ns = self.next_ns.saturating_add(interval_ns);
+        let fresh_ns = tick_time_ns.saturating_add(interval_ns);
         self.next_ns = if kept_ns > tick_time_ns { kept_ns } else { fresh_ns };
         true
     }
@@ -38,7 +43,7 @@ mod tests {
 
     fn sent(interval_us: u64, ticks: std::ops::Range<u64>) -> usize {
         let mut cadence = Cadence::new(interval_us * 1000);
-        ticks.filter(|tick| cadence.due(*tick, TICK_NS)).count()
+        ticks.filter(|tick| cadence.due(*tick, TICK_NS, 1)).count()
     }
 
     #[test]
@@ -52,11 +57,25 @@ mod tests {
     }
 
     #[test]
+    fn a_slower_pace_divides_the_rate_whatever_it_is() {
+        for (interval_us, whole) in [(0, 1000), (1000, 1000), (4000, 250)] {
+            for slowed_by in [1, 2, 4] {
+                let mut cadence = Cadence::new(interval_us * 1000);
+                let sent = (5000..6000).filter(|tick| cadence.due(*tick, TICK_NS, slowed_by));
+                assert_eq!(
+                    sent.count() as u32,
+                    whole / slowed_by + u32::from(whole % slowed_by > 0)
+                );
+            }
+        }
+    }
+
+    #[test]
     fn missed_ticks_are_not_caught_up_with() {
         let mut cadence = Cadence::new(4 * TICK_NS);
-        assert!(cadence.due(100, TICK_NS));
-        assert!(cadence.due(200, TICK_NS));
-        assert!(!(201..204).any(|tick| cadence.due(tick, TICK_NS)));
-        assert!(cadence.due(204, TICK_NS));
+        assert!(cadence.due(100, TICK_NS, 1));
+        assert!(cadence.due(200, TICK_NS, 1));
+        assert!(!(201..204).any(|tick| cadence.due(tick, TICK_NS, 1)));
+        assert!(cadence.due(204, TICK_NS, 1));
     }
 }

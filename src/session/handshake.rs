@@ -7,6 +7,7 @@ use crate::proto::{self, Bye, ByeReason, Hello, StreamMessage, Welcome, stream_m
 use crate::units::FieldError;
 use crate::wire::{MAX_STATE_BYTES, PROTOCOL, choose, max_detailed_bytes};
 
+use super::deadband::Deadband;
 use super::workspace::Workspace;
 use super::{Role, SessionConfig, SessionId};
 
@@ -17,7 +18,7 @@ const MIN_DATAGRAM_BYTES: u32 = 300;
 const NS_PER_US: u64 = 1_000;
 
 /// What a session was granted.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub(super) struct Terms {
     pub client_name: String,
     pub role: Role,
@@ -29,6 +30,8 @@ pub(super) struct Terms {
     /// State carries every actuator.
     pub detail: bool,
     pub workspace: Workspace,
+    /// `None`: every State that is due is sent.
+    pub deadband: Option<Deadband>,
 }
 
 /// Why there is no session.
@@ -65,6 +68,7 @@ pub(super) fn agree(hello: &Hello, config: &SessionConfig) -> Result<Terms, Refu
         state_interval_ns: state_interval_ns(hello.state_interval_us, config)?,
         detail: hello.detail,
         workspace: Workspace::agree(hello.workspace.as_ref())?,
+        deadband: Deadband::agree(hello.deadband)?,
     })
 }
 

@@ -183,6 +183,7 @@ impl Sessions {
         let Some(rtt_ns) = open.pinger.completed(pong, now_ns) else {
             return Outcome::Unexpected;
         };
+        open.pace.ponged(pong.seq, pong.states_received, rtt_ns);
         if open.role == Role::Observer {
             open.judge.take(pong.seq, pong.returned_ns, now_ns);
         }

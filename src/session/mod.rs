@@ -29,6 +29,7 @@ mod command;
 mod config;
 mod contact;
 mod counters;
+mod deadband;
 mod events;
 mod hand;
 mod handshake;
@@ -40,6 +41,7 @@ mod mapping;
 mod offset;
 mod outgoing;
 mod output;
+mod pace;
 mod path;
 mod peer;
 mod ping;
@@ -263,7 +265,9 @@ impl Sessions {
         }
         self.watch_hand(now_ns);
         for (id, peer) in self.peers.iter_mut().filter(|(_, peer)| peer.waiting.is_none()) {
-            if let Some(ping) = peer.open.as_mut().and_then(|open| open.pinger.due(now_ns)) {
+            let Some(open) = &mut peer.open else { continue };
+            if let Some(ping) = open.pinger.due(now_ns) {
+                open.pace.pinged(ping.seq);
                 let bytes = wire::encode(&DatagramBody::Ping(ping));
                 send(&mut self.outbox, &mut self.counters, (*id, peer.transport), bytes);
             }

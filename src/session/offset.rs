@@ -101,7 +101,7 @@ mod tests {
         let [out_ns, in_ns] = delays_ns;
         let received_ns = (sent_ns + out_ns).wrapping_add_signed(ahead_ns);
         let returned_ns = received_ns + MS;
-        let pong = Pong { seq: 1, sent_ns, received_ns, returned_ns };
+        let pong = Pong { seq: 1, sent_ns, received_ns, returned_ns, states_received: 0 };
         offset.take(&pong, out_ns + in_ns, sent_ns + out_ns + MS + in_ns)
     }
 
@@ -143,7 +143,8 @@ mod tests {
     fn a_hostile_clock_overflows_nothing() {
         let mut offset = Offset::default();
         for (received_ns, returned_ns) in [(0, u64::MAX), (u64::MAX, u64::MAX), (0, 0)] {
-            let pong = Pong { seq: 1, sent_ns: u64::MAX, received_ns, returned_ns };
+            let pong =
+                Pong { seq: 1, sent_ns: u64::MAX, received_ns, returned_ns, states_received: 0 };
             let clock = offset.take(&pong, u64::MAX, u64::MAX);
             assert_eq!(clock.bound_ns, 1 << 63);
         }

@@ -4,6 +4,7 @@
 //! first. An event goes to every welcomed session on the reliable stream at once, and rides
 //! in State until it is acknowledged.
 
+use super::deadband::Marks;
 use super::peer::Peer;
 use super::state::{DeepestFirst, Own, address, fill, fill_detail};
 use super::{Output, Sessions, events, send};
@@ -61,16 +62,18 @@ impl Sessions {
                 continue;
             };
             if (holder == Some(*id)) != to_controller
-                || !open.cadence.due(report.tick, self.config.tick_ns)
+                || !open.cadence.due(report.tick, self.config.tick_ns, open.pace.slowed_by())
             {
                 continue;
             }
-            let own = Own {
-                session: open.liveness.state(now_ns),
-                quality: open.judge.quality(),
-                echo: open.echo,
-                workspace: &open.workspace,
-            };
+            let (session, quality) = (open.liveness.state(now_ns), open.judge.quality());
+            if let Some(deadband) = &mut open.deadband {
+                let marks = Marks::of(report, session, quality, self.riding.newest());
+                if !deadband.due(report, marks, open.pace.slowed_by().into()) {
+                    continue;
+                }
+            }
+            let own = Own { session, quality, echo: open.echo, workspace: &open.workspace };
             address(&mut self.state, report, &own, now_ns);
             let contacts = contacts.seen_in(&open.workspace);
             let parts = StateParts {
@@ -79,6 +82,7 @@ impl Sessions {
                 detail: open.detail.then_some(&self.detail),
             };
             let bytes = wire::encode_state(&mut self.state, &parts);
+            open.pace.state_sent();
             let to = (*id, peer.transport);
             send(&mut self.outbox, &mut self.counters, to, bytes);
         }

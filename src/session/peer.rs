@@ -4,9 +4,11 @@ use crate::proto::{ByeReason, SessionState};
 use crate::units::FieldError;
 
 use super::cadence::Cadence;
+use super::deadband::Deadband;
 use super::handshake::Terms;
 use super::liveness::{Liveness, SILENCE_NS};
 use super::offset::{Clock, Offset};
+use super::pace::Pace;
 use super::ping::Pinger;
 use super::quality::Judge;
 use super::state::Echo;
@@ -37,10 +39,13 @@ pub(super) struct Open {
     pub cadence: Cadence,
     pub liveness: Liveness,
     pub pinger: Pinger,
+    pub pace: Pace,
     pub offset: Offset,
     /// Of its commands or targets; of pings where it sends neither.
     pub judge: Judge,
     pub workspace: Workspace,
+    /// States that it can do without are not sent.
+    pub deadband: Option<Deadband>,
     /// Its State has every actuator.
     pub detail: bool,
     pub welcomed_ns: u64,
@@ -62,9 +67,11 @@ impl Open {
             cadence: Cadence::new(terms.state_interval_ns),
             liveness: Liveness::new(terms.role, terms.command_interval_ns),
             pinger: Pinger::new(now_ns),
+            pace: Pace::new(),
             offset: Offset::default(),
             judge: Judge::new(),
             workspace: terms.workspace,
+            deadband: terms.deadband,
             detail: terms.detail,
             welcomed_ns: now_ns,
             seen_event: newest_event,
@@ -117,6 +124,7 @@ impl Peer {
         if let Some(open) = &mut self.open {
             // Its commands are judged from now on, as if this were its Hello.
             (open.welcomed_ns, open.pinger) = (now_ns, Pinger::new(now_ns));
+            open.pace = Pace::new();
         }
     }
 
@@ -162,6 +170,7 @@ impl Peer {
             loss: open.judge.path().loss(),
             variation_ns: open.judge.path().variation_ns(),
             rtt_ns: open.pinger.rtt_ns,
+            slowed_by: open.pace.slowed_by(),
             clock: open.offset.clock,
             felt_stiffness_ratio: open.workspace.felt_stiffness_ratio(),
             clutched: open.workspace.is_clutched(),
@@ -190,6 +199,9 @@ pub struct SessionInfo<'a> {
     pub loss: f64,
     /// By how much the one-way delays of neighbours differ, nanoseconds.
     pub variation_ns: f64,
+    /// It gets one in so many of the States that it asked for: its path loses them, or lets them
+    /// wait.
+    pub slowed_by: u32,
     /// Its last round trip, `None` before the first.
     pub rtt_ns: Option<u64>,
     /// Its clock and the two halves of that round trip, estimated.

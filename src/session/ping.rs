@@ -14,7 +14,13 @@ const IN_FLIGHT: usize = 16;
 
 /// The Pong to a client's Ping.
 pub(super) fn answer(ping: &Ping, now_ns: u64) -> Pong {
-    Pong { seq: ping.seq, sent_ns: ping.sent_ns, received_ns: now_ns, returned_ns: now_ns }
+    Pong {
+        seq: ping.seq,
+        sent_ns: ping.sent_ns,
+        received_ns: now_ns,
+        returned_ns: now_ns,
+        states_received: 0,
+    }
 }
 
 /// The server's Pings to one session.
@@ -74,7 +80,13 @@ mod tests {
     const MS: u64 = 1_000_000;
 
     fn pong(ping: Ping, held_ns: u64) -> Pong {
-        Pong { seq: ping.seq, sent_ns: ping.sent_ns, received_ns: 5, returned_ns: 5 + held_ns }
+        Pong {
+            seq: ping.seq,
+            sent_ns: ping.sent_ns,
+            received_ns: 5,
+            returned_ns: 5 + held_ns,
+            states_received: 0,
+        }
     }
 
     #[test]

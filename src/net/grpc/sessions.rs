@@ -171,6 +171,7 @@ fn session_to_proto(info: &SessionInfo, device: &str, lease_epoch: u64) -> Sessi
         delay_variation_s: info.variation_ns * 1e-9,
         round_trip_s: info.rtt_ns.map(|ns| ns as f64 * 1e-9),
         felt_stiffness_ratio: info.felt_stiffness_ratio,
+        slowed_by: info.slowed_by,
         clutched: info.clutched,
         lease_epoch,
         last_refusal: info.last_refusal.map_or_else(String::new, ToString::to_string),

@@ -3,6 +3,7 @@
 mod calls;
 mod clutch;
 mod commanding;
+mod deadband;
 mod ending;
 mod handshakes;
 mod hostile;

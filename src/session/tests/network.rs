@@ -79,3 +79,34 @@ fn the_same_seed_gives_the_same_run() {
     };
     assert_eq!(run(), run());
 }
+
+/// A line that carries less than half of what 1000 States a second need.
+#[test]
+fn on_a_slow_line_the_stream_goes_as_fast_as_the_line_and_is_not_late() {
+    let slow = crate::impairment::Impairment {
+        delay_ns: 20 * MS,
+        rate_bit_per_s: 300e3,
+        ..crate::impairment::Impairment::NONE
+    };
+    let mut world = World::new();
+    let client = world.add(Role::Observer, slow, 1);
+    world.run_until(S);
+    let info = |world: &World| {
+        let info = world.sessions.list(world.now_ns).next().expect("it is there");
+        (info.slowed_by, info.rtt_ns.unwrap_or(0))
+    };
+    assert!(info(&world).1 > 100 * MS, "the line's queue is full: {:?}", info(&world));
+    world.run_until(6 * S);
+    assert_eq!(info(&world).0, 4, "a quarter of the States");
+    assert!(info(&world).1 < 60 * MS, "nothing waits any more: {:?}", info(&world));
+    let before = world.clients[client].states;
+    world.run_until(8 * S);
+    let rate = (world.clients[client].states - before) / 2;
+    assert!((240..=250).contains(&rate), "{rate} States a second");
+    // Five seconds later it tries again, and sees at once that it was too early.
+    world.run_until(40 * S);
+    let before = world.clients[client].states;
+    world.run_until(50 * S);
+    let rate = (world.clients[client].states - before) / 10;
+    assert!((240..=340).contains(&rate), "{rate} States a second");
+}

@@ -22,6 +22,7 @@ fn pong(ping: Ping, held_ns: u64) -> Vec<u8> {
         sent_ns: ping.sent_ns,
         received_ns: 1,
         returned_ns: 1 + held_ns,
+        ..Pong::default()
     }))
 }
 
@@ -32,7 +33,8 @@ fn a_ping_is_answered_at_once_with_the_device_clock() {
     let ping = Ping { seq: 3, sent_ns: 42 };
     sessions.on_datagram(id, &wire::encode(&DatagramBody::Ping(ping)), 9 * MS);
     let Some(Output::Datagram { to, bytes, .. }) = sessions.poll_output() else { panic!("a Pong") };
-    let expected = Pong { seq: 3, sent_ns: 42, received_ns: 9 * MS, returned_ns: 9 * MS };
+    let expected =
+        Pong { seq: 3, sent_ns: 42, received_ns: 9 * MS, returned_ns: 9 * MS, ..Pong::default() };
     assert_eq!((to, wire::decode(&bytes)), (id, Ok(DatagramBody::Pong(expected))));
 }
 
