@@ -101,7 +101,8 @@ fn measured(
     }
     let mut undisturbed = Series::new(format!("  each tick at its best of {RUNS}"));
     best.into_iter().flatten().for_each(|took| undisturbed.record(took));
-    assert!(undisturbed.len() > ticks as u64 / 10, "{name}: {} ticks", undisturbed.len());
+    // two-link is free for the first half second of its run only.
+    assert!(undisturbed.len() > ticks as u64 / 100, "{name}: {} ticks", undisturbed.len());
     [series, undisturbed]
 }
 
