@@ -125,7 +125,7 @@ fn print_list(sessions: &[Session], as_json: bool) {
         let round_trip =
             session.round_trip_s.map_or("-".to_owned(), |s| format!("{:.2} ms", s * 1e3));
         say!(
-            "{:<13} {:<20} {:<11} {:<11} {:<9} loss {:>5.1} %  rtt {round_trip:>8}  {}{}{}",
+            "{:<13} {:<20} {:<11} {:<11} {:<9} loss {:>5.1} %  rtt {round_trip:>8}  {}{}{}{}",
             session.name,
             session.device,
             word(session.role().as_str_name(), "ROLE_"),
@@ -138,6 +138,11 @@ fn print_list(sessions: &[Session], as_json: bool) {
             session.loss_ratio * 100.0,
             // What a client calls itself is its own text.
             session.client_name.escape_debug(),
+            match session.slowed_by {
+                0 | 1 => String::new(),
+                slowed_by =>
+                    format!("  gets 1 State in {slowed_by}: its path loses or delays them"),
+            },
             if session.clutched { "  clutched" } else { "" },
             match session.last_refusal.as_str() {
                 "" => String::new(),

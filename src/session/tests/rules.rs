@@ -21,7 +21,8 @@ fn a_takeover_holds_whatever_the_network_delivers_late_or_twice() {
         world.run_until(S);
         let taker = Hello { takeover: true, ..hello("taker", Role::Controller) };
         let second = world.add_with(taker, BAD, 10 * seed + 5);
-        world.run_until(3 * S);
+        // A path that loses a fifth is slowed down, and with the States the answers.
+        world.run_until(6 * S);
         world.check_setpoints();
         let [first, second] = [first, second].map(|index| &world.clients[index]);
         assert!(first.welcomed && second.welcomed && world.closed.is_empty());
@@ -32,7 +33,7 @@ fn a_takeover_holds_whatever_the_network_delivers_late_or_twice() {
         assert!(world.setpoints[taken..].iter().all(|setpoint| setpoint.epoch == 2));
         assert!(world.setpoints.len() > taken + 200);
         assert_eq!(world.sessions.counters().stale(StaleReason::TakenOver), 1);
-        assert!(count(&world.sessions, Outcome::NotAllowed) > 200, "it goes on trying");
+        assert!(count(&world.sessions, Outcome::NotAllowed) > 500, "it goes on trying");
     }
 }
 
