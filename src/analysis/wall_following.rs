@@ -32,9 +32,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::actuation::{ActuatorKind, Strategy, WallDemand};
 use crate::config::{ConfigError, DeviceDefinition, Scene, build_plan};
-use crate::control::{
-    ActuatorCommand, ControlState, Decision, Mode, Plan, Setpoint, TickInput, tick,
-};
+use crate::control::{ActuatorCommand, ControlState, Decision, Mode, Plan, TickInput, tick};
 use crate::device::{Device, HandProgram, SimulatedDevice};
 use crate::environment::{Element, SceneItem};
 use crate::mechanism::KinematicsError;
@@ -183,13 +181,7 @@ pub fn run_with(
         }
         let mechanism = definition.mechanism.as_ref();
         watcher(&watch.see(&truth, mechanism, &course, now_ns as f64 * 1e-9));
-        let input = TickInput {
-            sample,
-            setpoint: &Setpoint::NONE,
-            plan: &plan,
-            now_ns,
-            overruns_in_row: 0,
-        };
+        let input = TickInput::uncommanded(sample, &plan, now_ns);
         let mut decision = tick(&mut state, &input);
         if let Some(law) = own.as_deref_mut() {
             obey(law, &mut decision, &plan, &course)?;

@@ -66,13 +66,7 @@ fn a_box_pushed_by_its_corner_is_felt_as_a_moment_and_turns() {
         let mut last_Nm = ActuatorVector::zeros();
         for number in 0..900_u64 {
             let now_ns = 1_000_000 * (number + 1);
-            let input = TickInput {
-                sample: simulated.read(now_ns),
-                setpoint: &Setpoint::NONE,
-                plan: &plan,
-                now_ns,
-                overruns_in_row: 0,
-            };
+            let input = TickInput::uncommanded(simulated.read(now_ns), &plan, now_ns);
             let Decision { commands, report } = tick(&mut state, &input);
             simulated.write(&commands).expect("a simulated device takes anything");
             assert_eq!((report.fault, report.mode), (None, Mode::Enabled), "tick {number}");

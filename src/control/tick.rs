@@ -34,6 +34,13 @@ pub struct TickInput<'a> {
     pub overruns_in_row: u32,
 }
 
+impl<'a> TickInput<'a> {
+    /// Of a tick that is in time and that no controller commands.
+    pub fn uncommanded(sample: Result<Sample, DeviceError>, plan: &'a Plan, now_ns: u64) -> Self {
+        Self { sample, setpoint: &Setpoint::NONE, plan, now_ns, overruns_in_row: 0 }
+    }
+}
+
 /// What one tick decided: commands for the device, and the account of them.
 #[derive(Clone, Copy, Debug)]
 pub struct Decision {

@@ -47,13 +47,7 @@ impl Rig {
             sample.counts[i] = (posture.shaft_rad[i] * per_rad[i]).round() as i64;
         }
         self.now_ns += self.plan.tick_ns;
-        let input = TickInput {
-            sample: Ok(sample),
-            setpoint: &Setpoint::NONE,
-            plan: &self.plan,
-            now_ns: self.now_ns,
-            overruns_in_row: 0,
-        };
+        let input = TickInput::uncommanded(Ok(sample), &self.plan, self.now_ns);
         tick(&mut self.state, &input).report
     }
 }

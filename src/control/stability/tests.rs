@@ -9,7 +9,7 @@ use rand_chacha::ChaCha8Rng;
 use super::*;
 use crate::actuation::{ActuatorKind, Strategy};
 use crate::config::{DeviceDefinition, Scene, build_plan};
-use crate::control::{ControlState, Decision, Limit, Mode, Report, Sample, Setpoint, TickInput};
+use crate::control::{ControlState, Decision, Limit, Mode, Report, Sample, TickInput};
 use crate::device::{HandProgram, Plant, PlantParameters};
 use crate::environment::{Element, Material, SceneItem, Shape, Surface};
 use crate::notation::MAX_ACTUATORS;
@@ -143,13 +143,7 @@ impl Bounce {
             for i in 0..MAX_ACTUATORS {
                 sample.counts[i] = (self.plant.shaft_rad()[i] * per_rad[i]).round() as i64;
             }
-            let input = TickInput {
-                sample: Ok(sample),
-                setpoint: &Setpoint::NONE,
-                plan: &self.plan,
-                now_ns: 1_000_000 * (number + 1),
-                overruns_in_row: 0,
-            };
+            let input = TickInput::uncommanded(Ok(sample), &self.plan, 1_000_000 * (number + 1));
             let Decision { commands, report } = crate::control::tick(&mut self.state, &input);
             self.plant.command(&commands);
             for _ in 0..10 {

@@ -50,13 +50,7 @@ fn run(hand: HandProgram, wall: bool, deadband: f32) -> Run {
     let (mut run, mut held, mut last_touched) = (Run::default(), State::default(), 0);
     for number in 1..=TICKS {
         let now_ns = number * MS;
-        let input = TickInput {
-            sample: simulated.read(now_ns),
-            setpoint: &Setpoint::NONE,
-            plan: &plan,
-            now_ns,
-            overruns_in_row: 0,
-        };
+        let input = TickInput::uncommanded(simulated.read(now_ns), &plan, now_ns);
         let decision = tick(&mut state, &input);
         simulated.write(&decision.commands).unwrap();
         let report = decision.report;
