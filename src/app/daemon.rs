@@ -199,6 +199,7 @@ fn session_config(config: &ServerConfig, device: &ReadyDevice, grpc_port: u16) -
         default_ttl_ms: config.session.default_ttl_ms,
         default_wrench_ttl_ms: config.session.default_wrench_ttl_ms,
         max_age_ms: config.session.max_age_ms,
+        max_contacts_age_ms: config.session.max_contacts_age_ms,
         max_ttl_ms: config.session.max_ttl_ms,
         grpc_port,
         example_wall: Some(device.example_wall()),

@@ -2,6 +2,7 @@
 
 use std::fs::File;
 use std::io::{IsTerminal, Read, Seek};
+use std::net::{IpAddr, Ipv4Addr};
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -10,8 +11,11 @@ use anyhow::Context;
 use clap::{Args, Subcommand};
 
 use super::format::parse_seconds;
+use super::netsim::BadPath;
 use super::view;
+use crate::app::netsim::Netsim;
 use crate::app::{Daemon, Logs, Start, init_log};
+use crate::client::ConnectString;
 use crate::config::{LogLevel, ServedDevice, ServerConfig};
 use crate::device::HandProgram;
 use crate::telemetry::RunFigures;
@@ -45,7 +49,8 @@ enum Which {
   hapticd demo wall
   hapticd demo wall --seconds 10 --json
   hapticd demo wall --device cho-2005-unoptimised --seconds 20
-  hapticd demo wall --device kim-2003 --seconds 10")]
+  hapticd demo wall --device kim-2003 --seconds 10
+  hapticd demo wall --delay-ms 100 --loss-percent 30 --burst 10")]
 struct Wall {
     /// End after this time; without it, at Ctrl-C or q
     #[arg(long, value_name = "N", value_parser = parse_seconds, allow_negative_numbers = true)]
@@ -62,6 +67,8 @@ struct Wall {
     /// Keep state here instead of in a folder that is removed afterwards
     #[arg(long, value_name = "DIR")]
     state_dir: Option<PathBuf>,
+    #[command(flatten)]
+    path: BadPath,
 }
 
 impl Demo {
@@ -90,7 +97,8 @@ impl Wall {
         let mut daemon = Daemon::start(&config, Start { or_free_ports: true })?;
         announce(&daemon, &logs);
         let wall = daemon.devices()[0].host().definition().demo_wall(self.hand);
-        let mut scene = Scene::start(&daemon)?;
+        let (_netsim, reached_by) = self.network(&daemon)?;
+        let mut scene = Scene::start(&reached_by)?;
         let until = self.seconds.map(|seconds| Instant::now() + seconds);
         let live = !self.json && std::io::stdout().is_terminal();
         if live {
@@ -103,6 +111,19 @@ impl Wall {
         scene.stop();
         daemon.stop();
         print(&daemon.devices()[0].figures(), self.json)
+    }
+
+    /// The bad network between daemon and scene, if one is asked for, and how the scene reaches
+    /// the daemon.
+    fn network(&self, daemon: &Daemon) -> anyhow::Result<(Option<Netsim>, ConnectString)> {
+        let direct = daemon.connect_string();
+        if !self.path.is_bad() {
+            return Ok((None, direct.clone()));
+        }
+        let here = IpAddr::V4(Ipv4Addr::LOCALHOST);
+        let target = (direct.host.parse().unwrap_or(here), direct.stream_port).into();
+        let (proxy, through) = self.path.stand_before(direct, target, (here, 0).into())?;
+        Ok((Some(proxy), through))
     }
 }
 
@@ -137,11 +158,11 @@ struct Scene {
 }
 
 impl Scene {
-    fn start(daemon: &Daemon) -> anyhow::Result<Self> {
+    fn start(server: &ConnectString) -> anyhow::Result<Self> {
         let program = std::env::current_exe().context("cannot find this program")?;
         let stderr = tempfile::tempfile().context("no file for what the scene says")?;
         let child = Command::new(program)
-            .args(["scene", "wall", "--connect", &daemon.connect_string().to_string()])
+            .args(["scene", "wall", "--connect", &server.to_string()])
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(stderr.try_clone()?)

@@ -32,6 +32,19 @@ pub struct Netsim {
     /// Where clients come; port 0: any that is free
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
     listen: SocketAddr,
+    #[command(flatten)]
+    path: BadPath,
+    /// End after this time; without it, at Ctrl-C
+    #[arg(long, value_name = "N", value_parser = parse_seconds, allow_negative_numbers = true)]
+    seconds: Option<Duration>,
+    /// Print what became of the datagrams as one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// A network as bad as is said, the same each way.
+#[derive(Clone, Copy, Debug, PartialEq, Args)]
+pub struct BadPath {
     /// One-way delay
     #[arg(long, value_name = "MS", default_value_t = 0.0, value_parser = parse_ms, allow_negative_numbers = true)]
     delay_ms: f64,
@@ -59,12 +72,6 @@ pub struct Netsim {
     /// The same seed loses the same datagrams
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// End after this time; without it, at Ctrl-C
-    #[arg(long, value_name = "N", value_parser = parse_seconds, allow_negative_numbers = true)]
-    seconds: Option<Duration>,
-    /// Print what became of the datagrams as one JSON object
-    #[arg(long)]
-    json: bool,
 }
 
 impl Netsim {
@@ -81,14 +88,7 @@ impl Netsim {
             .with_context(|| format!("cannot find {}", self.connect.host))?
             .next()
             .with_context(|| format!("{} has no address", self.connect.host))?;
-        let (listen, impairment, seed) = (self.listen, self.impairment(), self.seed);
-        let proxy = Proxy::start(NetsimConfig { listen, target, impairment, seed })
-            .with_context(|| format!("cannot listen on {listen}"))?;
-        let through = ConnectString {
-            host: proxy.address.ip().to_string(),
-            stream_port: proxy.address.port(),
-            ..self.connect.clone()
-        };
+        let (proxy, through) = self.path.stand_before(&self.connect, target, self.listen)?;
         // With --json stdout is for the object alone.
         if self.json {
             eprintln!("{through}")
@@ -107,6 +107,33 @@ impl Netsim {
             say!("to the clients   {}", told(&down));
         }
         Ok(())
+    }
+}
+
+impl BadPath {
+    /// Whether it does anything.
+    pub fn is_bad(&self) -> bool {
+        let Impairment {
+            delay_ns, jitter_ns, loss, duplicates, corruption, rate_bit_per_s, ..
+        } = self.impairment();
+        delay_ns + jitter_ns > 0
+            || loss + duplicates + corruption > 0.0
+            || rate_bit_per_s.is_finite()
+    }
+
+    /// A proxy before a server's stream, and the line by which clients reach it.
+    pub fn stand_before(
+        &self,
+        server: &ConnectString,
+        target: SocketAddr,
+        listen: SocketAddr,
+    ) -> anyhow::Result<(Proxy, ConnectString)> {
+        let (impairment, seed) = (self.impairment(), self.seed);
+        let proxy = Proxy::start(NetsimConfig { listen, target, impairment, seed })
+            .with_context(|| format!("cannot listen on {listen}"))?;
+        let host = proxy.address.ip().to_string();
+        let through = ConnectString { host, stream_port: proxy.address.port(), ..server.clone() };
+        Ok((proxy, through))
     }
 
     fn impairment(&self) -> Impairment {

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use anyhow::ensure;
 use clap::{Args, Subcommand};
+use tokio::time::MissedTickBehavior;
 
 use super::format::{device_resource, parse_seconds};
 use crate::app::Signals;
@@ -59,8 +60,12 @@ struct Wall {
     friction: f32,
 }
 
-/// A wall holds this long without a newer command; a scene that hangs loses it soon.
-const TTL_MS: u32 = 100;
+/// A wall holds this long without a newer command: through a burst of losses, and a scene that
+/// hangs loses it soon.
+const TTL_MS: u32 = 200;
+
+/// So often at least the wall is sent, however few States come: it must not go where they do.
+const AT_LEAST: Duration = Duration::from_millis(4);
 
 /// A wall that appears around the tool, after a gap too, pushes it out within this time, as far as
 /// motors can. A stiffer one is for brakes, which push nobody: it holds where the tool is.
@@ -118,20 +123,18 @@ impl Wall {
             }
         };
         tokio::pin!(over);
-        let mut commands = 0u64;
+        let (mut commands, mut newest) = (0u64, 0);
+        let mut overdue = tokio::time::interval(AT_LEAST);
+        overdue.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
-            tokio::select! {
+            let due = tokio::select! {
                 biased;
                 incoming = client.next() => match incoming {
                     Ok(Incoming::State(state)) => {
-                        match client.send_contacts(state.seq, TTL_MS, vec![contact.clone()]) {
-                            Ok(_) => commands += 1,
-                            // Why is heard next.
-                            Err(ClientError::Lost(_)) => {}
-                            Err(error) => return Err(error.into()),
-                        }
+                        newest = state.seq.max(newest);
+                        true
                     }
-                    Ok(Incoming::Event(_) | Incoming::RoundTrip(_)) => {}
+                    Ok(Incoming::Event(_) | Incoming::RoundTrip(_)) => false,
                     Err(ClientError::Bye {
                         reason: ByeReason::Done | ByeReason::Shutdown,
                         detail,
@@ -141,10 +144,21 @@ impl Wall {
                     }
                     Err(error) => return Err(error.into()),
                 },
+                _ = overdue.tick() => true,
                 () = &mut over => {
                     client.close().await;
                     break;
                 }
+            };
+            if !due {
+                continue;
+            }
+            overdue.reset();
+            match client.send_contacts(newest, TTL_MS, vec![contact.clone()]) {
+                Ok(_) => commands += 1,
+                // Why is heard next.
+                Err(ClientError::Lost(_)) => {}
+                Err(error) => return Err(error.into()),
             }
         }
         eprintln!("scene wall: {commands} commands sent");

@@ -121,8 +121,10 @@ pub struct SessionLimits {
     pub default_wrench_ttl_ms: u32,
     /// How long any command can hold.
     pub max_ttl_ms: u32,
-    /// A command computed from an older State is refused.
+    /// A wrench or force field computed from an older State is refused.
     pub max_age_ms: u32,
+    /// The same of contacts.
+    pub max_contacts_age_ms: u32,
 }
 
 /// What a command line says; it takes the place of the file's value.
@@ -160,6 +162,7 @@ impl Default for ServerConfig {
                 default_wrench_ttl_ms: 20,
                 max_ttl_ms: 200,
                 max_age_ms: 200,
+                max_contacts_age_ms: 1000,
             },
         }
     }

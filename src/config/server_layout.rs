@@ -47,6 +47,7 @@ struct SessionLayout {
     default_wrench_ttl_ms: Option<i64>,
     max_ttl_ms: Option<i64>,
     max_age_ms: Option<i64>,
+    max_contacts_age_ms: Option<i64>,
 }
 
 impl ServerLayout {
@@ -113,6 +114,11 @@ impl SessionLayout {
             )?,
             max_ttl_ms: time("max_ttl_ms", self.max_ttl_ms, usual.max_ttl_ms)?,
             max_age_ms: time("max_age_ms", self.max_age_ms, usual.max_age_ms)?,
+            max_contacts_age_ms: time(
+                "max_contacts_age_ms",
+                self.max_contacts_age_ms,
+                usual.max_contacts_age_ms,
+            )?,
         };
         let defaults = [
             ("session.default_ttl_ms", limits.default_ttl_ms),

@@ -2,8 +2,9 @@
 //!
 //! A refusal names the field, the value and what is allowed, and changes nothing. A Command
 //! that is not newer than the last one is old, not wrong: networks reorder. One computed from
-//! an old State is stale however promptly it came, and one over a path that is not good
-//! enough for it is not taken at all.
+//! an old State is stale however promptly it came, and a force over a path that is not good
+//! enough for it is not taken at all. Contacts are models of surfaces, rendered here at full
+//! rate: the worst that a bad path can do to a wall is to take it away, so nothing here does.
 
 use crate::control::Setpoint;
 use crate::proto::{self, Command, command::Body};
@@ -12,7 +13,7 @@ use crate::units::FieldError;
 use super::contact::contacts;
 use super::history::History;
 use super::liveness::Liveness;
-use super::quality::{FOR_CONTACTS, FOR_FORCES};
+use super::quality::FOR_FORCES;
 use super::workspace::Workspace;
 use super::{Quality, SessionConfig, StaleReason, soft};
 
@@ -118,27 +119,30 @@ fn check_age(command: &Command, context: &Context<'_>) -> Result<(), Refusal> {
         (0, _) => context.now_ns.saturating_sub(context.welcomed_ns),
         (tick, _) => context.history.age_ns(tick, context.now_ns),
     };
-    if age_ns <= context.config.max_age_ns() {
+    let most_ms = match &command.body {
+        Some(Body::Wrench(_) | Body::ForceField(_)) => context.config.max_age_ms,
+        Some(Body::Contacts(_)) | None => context.config.max_contacts_age_ms,
+    };
+    if age_ns <= u64::from(most_ms) * NS_PER_MS {
         return Ok(());
     }
     // Without the numbers, which change every time: the log tells what is new.
     let value = if command.state_seq == 0 { "none" } else { "an older State" };
-    let allowed = format!("must be a State at most {} ms old", context.config.max_age_ms);
+    let allowed = format!("must be a State at most {most_ms} ms old");
     Err(Refusal::Stale(FieldError::new("state_seq", value, allowed)))
 }
 
 fn check_quality(command: &Command, context: &Context<'_>) -> Result<(), Refusal> {
-    let (body, needed) = match &command.body {
-        Some(Body::Contacts(_)) => ("contacts", FOR_CONTACTS),
-        Some(Body::Wrench(_)) => ("a wrench", FOR_FORCES),
-        Some(Body::ForceField(_)) => ("a force field", FOR_FORCES),
-        None => return Ok(()),
+    let body = match &command.body {
+        Some(Body::Wrench(_)) => "a wrench",
+        Some(Body::ForceField(_)) => "a force field",
+        Some(Body::Contacts(_)) | None => return Ok(()),
     };
-    if context.quality >= needed {
+    if context.quality >= FOR_FORCES {
         return Ok(());
     }
     let name = |quality: Quality| proto::Quality::from(quality).as_str_name();
-    let allowed = format!("must be {} for {body}", name(needed));
+    let allowed = format!("must be {} for {body}", name(FOR_FORCES));
     Err(Refusal::Quality(FieldError::new("session_quality", name(context.quality), allowed)))
 }
 
@@ -206,7 +210,7 @@ mod tests {
         change: impl FnOnce(&mut Context<'_>),
     ) -> Result<Taken, Refusal> {
         let config = SessionConfig::new("cho-2005", NS_PER_MS, 2, 4);
-        let mut history = History::new(NS_PER_MS, config.max_age_ns());
+        let mut history = History::new(NS_PER_MS, config.greatest_age_ns());
         (1..=40).for_each(|tick| history.note(tick, tick * NS_PER_MS));
         let mut context = Context {
             config: &config,
@@ -310,23 +314,26 @@ mod tests {
         let future = Command { state_seq: 41, ..command(vec![]) };
         assert_eq!(refused(&future), "state_seq = 41: must be a State sent, at most 40");
         for (state_seq, now_ms, taken) in [
-            (40, 240, true),
-            (40, 241, false),
-            (1, 201, true),
-            (1, 202, false),
-            (0, 203, true),
-            (0, 204, false),
+            (40, 40, true),
+            (40, 41, false),
+            (1, 1, true),
+            (1, 2, false),
+            (0, 3, true),
+            (0, 4, false),
         ] {
-            let command = Command { state_seq, ..command(vec![]) };
-            let result = judge_with(&command, |context| context.now_ns = now_ms * NS_PER_MS);
-            match result {
-                Err(Refusal::Stale(error)) => {
-                    let value = if state_seq == 0 { "none" } else { "an older State" };
-                    let expected =
-                        format!("state_seq = {value}: must be a State at most 200 ms old");
-                    assert_eq!((error.to_string(), taken), (expected, false));
+            for (command, most_ms) in [(wrench(), 200), (field(), 200), (command(vec![]), 1000)] {
+                let command = Command { state_seq, ..command };
+                let now_ns = (now_ms + most_ms) * NS_PER_MS;
+                match judge_with(&command, |context| context.now_ns = now_ns) {
+                    Err(Refusal::Stale(error)) => {
+                        let value = if state_seq == 0 { "none" } else { "an older State" };
+                        let expected = format!(
+                            "state_seq = {value}: must be a State at most {most_ms} ms old"
+                        );
+                        assert_eq!((error.to_string(), taken), (expected, false));
+                    }
+                    other => assert_eq!(other.is_ok(), taken, "{state_seq} at {now_ms}"),
                 }
-                other => assert_eq!(other.is_ok(), taken, "{state_seq} at {now_ms}"),
             }
         }
     }
@@ -335,7 +342,7 @@ mod tests {
     fn each_body_needs_its_quality() {
         for quality in Quality::ALL {
             let table = [
-                (command(vec![]), Quality::Fair),
+                (command(vec![]), Quality::Poor),
                 (wrench(), Quality::Good),
                 (field(), Quality::Good),
                 (Command { body: None, clutched: true, ..command(vec![]) }, Quality::Poor),

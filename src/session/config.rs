@@ -92,8 +92,10 @@ pub struct SessionConfig {
     pub default_wrench_ttl_ms: u32,
     /// How long any command can hold.
     pub max_ttl_ms: u32,
-    /// A command computed from an older State is refused.
+    /// A wrench or force field computed from an older State is refused.
     pub max_age_ms: u32,
+    /// The same of contacts: where a surface is does not hang on where the handle was.
+    pub max_contacts_age_ms: u32,
     /// Where the services listen.
     pub grpc_port: u16,
     /// UTC minus the device clock, as the server starts.
@@ -129,6 +131,7 @@ impl SessionConfig {
             default_wrench_ttl_ms: 20,
             max_ttl_ms: 200,
             max_age_ms: 200,
+            max_contacts_age_ms: 1000,
             grpc_port: 0,
             utc_minus_device_ns: 0,
             example_wall: None,
@@ -140,9 +143,9 @@ impl SessionConfig {
         format!("devices/{}", self.device)
     }
 
-    /// Greatest age of a State that a command may be computed from.
-    pub(super) fn max_age_ns(&self) -> u64 {
-        u64::from(self.max_age_ms) * 1_000_000
+    /// Greatest age of a State that any command may be computed from.
+    pub(super) fn greatest_age_ns(&self) -> u64 {
+        u64::from(self.max_age_ms.max(self.max_contacts_age_ms)) * 1_000_000
     }
 
     /// UTC at a moment of the device clock.

@@ -182,6 +182,7 @@ pub(super) fn welcome(
         grpc_port: config.grpc_port.into(),
         felt_stiffness_ratio: workspace.felt_stiffness_ratio() as f32,
         max_age_ms: config.max_age_ms,
+        max_contacts_age_ms: config.max_contacts_age_ms,
         example_wall: config.example_wall.map(|wall| workspace.example(&wall).into()),
     }
 }

@@ -129,7 +129,7 @@ impl Sessions {
     /// No sessions yet.
     pub fn new(config: SessionConfig) -> Self {
         Self {
-            history: History::new(config.tick_ns, config.max_age_ns()),
+            history: History::new(config.tick_ns, config.greatest_age_ns()),
             config,
             peers: BTreeMap::new(),
             last_id: 0,

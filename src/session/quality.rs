@@ -5,7 +5,7 @@
 //! | EXCELLENT | 1 %          | 1 ms                               | everything          |
 //! | GOOD      | 6 %          | 5 ms                               | wrench, force field |
 //! | FAIR      | 30 %         | 30 ms                              | contacts            |
-//! | POOR      | more         | more                               | nothing             |
+//! | POOR      | more         | more                               | contacts that come late |
 //!
 //! A fresh session is GOOD on trust until [`TRUSTED`] of its datagrams were judged. After
 //! that a bound that is passed counts at once; the way back needs [`HYSTERESIS`] of the
@@ -27,7 +27,7 @@ const TRUSTED: u32 = 32;
 /// How good a path is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Quality {
-    /// Good for nothing.
+    /// Local models still stand, and come late.
     Poor,
     /// Good for local models.
     Fair,
@@ -37,10 +37,8 @@ pub enum Quality {
     Excellent,
 }
 
-/// What contacts need: they are rendered locally, whatever the network does.
-pub(super) const FOR_CONTACTS: Quality = Quality::Fair;
-
-/// What a wrench and a force field need.
+/// What a wrench and a force field need. Contacts need nothing: they are rendered locally,
+/// whatever the network does.
 pub(super) const FOR_FORCES: Quality = Quality::Good;
 
 impl Quality {

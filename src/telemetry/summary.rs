@@ -26,6 +26,7 @@ pub struct RunSummary {
     lateness_ns: Histogram<u64>,
     execution_ns: Histogram<u64>,
     commanded: Commanded,
+    energy: Energy,
     penetration_m: f64,
     force_error_N: Mean,
     approximation_angle_rad: Option<f64>,
@@ -39,11 +40,21 @@ struct Commanded {
     began: bool,
     ticks: u64,
     next_tick: u64,
+    in_force: u64,
     /// Ticks since the last one with a command in force.
     idle: u64,
     last_seq: u64,
     /// Numbers skipped by the commands that came into force.
     lost: u64,
+}
+
+/// What the handle gave to the hand, rendered force times motion.
+#[derive(Clone, Copy, Debug, Default)]
+struct Energy {
+    given_J: f64,
+    least_J: f64,
+    /// The most that was given on balance over any stretch of time.
+    risen_J: f64,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -112,8 +123,15 @@ pub struct RunFigures {
     /// Share of ticks, between the first and the last command in force, in which a new command
     /// computed from the State of the tick before was applied.
     pub command_lag_one_ratio: Option<f64>,
+    /// Share of the same ticks with a command in force.
+    pub commanded_ratio: Option<f64>,
     /// Commands sent that never came into force.
     pub commands_lost: u64,
+    /// Energy that the hand put into the handle on balance.
+    pub energy_taken_j: f64,
+    /// The most that it got back over any stretch of the run: what moving links give back, and
+    /// what a motor or a late force feeds.
+    pub energy_given_max_j: f64,
     /// Deepest contact.
     pub penetration_max_mm: f64,
     /// Mean distance between what was asked (clipped) and what was chosen.
@@ -150,6 +168,7 @@ impl RunSummary {
             lateness_ns: durations_ns(),
             execution_ns: durations_ns(),
             commanded: Commanded::default(),
+            energy: Energy::default(),
             penetration_m: 0.0,
             force_error_N: Mean::default(),
             approximation_angle_rad: None,
@@ -167,6 +186,7 @@ impl RunSummary {
         let report = &record.report;
         self.commanded.observe(report);
         self.slide.observe(report);
+        self.energy.observe(report, self.tick_s);
         for contact in report.contacts() {
             self.penetration_m = self.penetration_m.max(contact.depth_m);
         }
@@ -208,7 +228,10 @@ impl RunSummary {
                 self.commanded.next_tick as f64,
                 self.commanded.ticks as f64,
             ),
+            commanded_ratio: ratio(self.commanded.in_force as f64, self.commanded.ticks as f64),
             commands_lost: self.commanded.lost,
+            energy_taken_j: -self.energy.given_J,
+            energy_given_max_j: self.energy.risen_J,
             penetration_max_mm: self.penetration_m * 1e3,
             force_error_mean_n: ratio(self.force_error_N.sum, self.force_error_N.count as f64),
             approximation_angle_max_deg: self.approximation_angle_rad.map(f64::to_degrees),
@@ -230,6 +253,7 @@ impl Commanded {
         }
         self.idle += 1;
         if in_force {
+            self.in_force += 1;
             self.ticks += self.idle;
             self.idle = 0;
         }
@@ -240,6 +264,20 @@ impl Commanded {
             let before = if seq > self.last_seq { self.last_seq } else { 0 };
             self.lost += seq - before - 1;
             self.last_seq = seq;
+        }
+    }
+}
+
+impl Energy {
+    fn observe(&mut self, report: &Report, tick_s: f64) {
+        let Report { rendered, v_WT_m_per_s, omega_WT_rad_per_s, .. } = report;
+        let power_W =
+            rendered.force_N.dot(v_WT_m_per_s) + rendered.moment_Nm.dot(omega_WT_rad_per_s);
+        // A blind tick knows neither.
+        if power_W.is_finite() {
+            self.given_J += power_W * tick_s;
+            self.least_J = self.least_J.min(self.given_J);
+            self.risen_J = self.risen_J.max(self.given_J - self.least_J);
         }
     }
 }
@@ -274,9 +312,10 @@ fn ratio(part: f64, whole: f64) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control::ContactResult;
+    use crate::control::{ContactResult, Wrench};
     use crate::environment::MAX_TOUCHES;
     use crate::notation::ActuatorVector;
+    use nalgebra::Vector3;
 
     fn figures(reports: impl IntoIterator<Item = Report>) -> RunFigures {
         let mut summary = RunSummary::new(1_000_000);
@@ -333,7 +372,8 @@ mod tests {
         ];
         let after = [none; 7];
         let all = before.into_iter().chain(during).chain(after);
-        assert_eq!(figures(all).command_lag_one_ratio, Some(3.0 / 8.0));
+        assert_eq!(figures(all.clone()).command_lag_one_ratio, Some(3.0 / 8.0));
+        assert_eq!(figures(all).commanded_ratio, Some(5.0 / 8.0));
         assert_eq!(figures(before).command_lag_one_ratio, None);
     }
 
@@ -385,6 +425,31 @@ mod tests {
     }
 
     #[test]
+    fn energy_is_counted_by_its_sign_and_the_worst_stretch_is_kept() {
+        let tick = |force_N: f64, v: f64, moment_Nm: f64, omega: f64| Report {
+            rendered: Wrench {
+                force_N: Vector3::new(force_N, 0.0, 0.0),
+                moment_Nm: Vector3::new(0.0, 0.0, moment_Nm),
+            },
+            v_WT_m_per_s: Vector3::new(v, 0.0, 0.0),
+            omega_WT_rad_per_s: Vector3::new(0.0, 0.0, omega),
+            ..Report::default()
+        };
+        // Watts, a millisecond each: -3, +1, +2, -1, +2, -9.
+        let found = figures([
+            tick(-3.0, 1.0, 0.0, 0.0),
+            tick(1.0, 1.0, 0.0, 0.0),
+            tick(0.0, 0.0, 2.0, 1.0),
+            tick(0.5, -2.0, 0.0, 0.0),
+            tick(1.0, 1.0, 1.0, 1.0),
+            tick(f64::NAN, 1.0, 0.0, 0.0),
+            tick(9.0, -1.0, 0.0, 0.0),
+        ]);
+        assert!((found.energy_taken_j - 8e-3).abs() < 1e-12, "{}", found.energy_taken_j);
+        assert!((found.energy_given_max_j - 4e-3).abs() < 1e-12, "{}", found.energy_given_max_j);
+    }
+
+    #[test]
     fn commands_that_never_came_into_force_are_the_numbers_skipped() {
         let applied = |command_seq| Report { command_seq, command_new: true, ..Report::default() };
         let held = Report { command_seq: 6, ..Report::default() };
@@ -431,7 +496,10 @@ mod tests {
             "rtt_p50_us",
             "rtt_p99_us",
             "command_lag_one_ratio",
+            "commanded_ratio",
             "commands_lost",
+            "energy_taken_j",
+            "energy_given_max_j",
             "penetration_max_mm",
             "force_error_mean_n",
             "approximation_angle_max_deg",

@@ -23,6 +23,7 @@ fn a_good_hello_is_welcomed_with_what_a_client_has_to_know() {
         grpc_port: 7350,
         felt_stiffness_ratio: 1.0,
         max_age_ms: 200,
+        max_contacts_age_ms: 1000,
         example_wall: None,
     };
     assert_eq!(welcome(&outputs), Some(&expected));

@@ -2,7 +2,8 @@
 
 use super::world::{BAD, GOOD, World};
 use super::*;
-use crate::proto::SessionState;
+use crate::impairment::Impairment;
+use crate::proto::{SessionState, WrenchCommand, command};
 
 #[test]
 fn on_a_good_network_every_state_is_answered_and_every_answer_taken() {
@@ -66,6 +67,44 @@ fn an_intruder_gets_no_setpoint_out_and_a_vanished_controller_is_replaced() {
     world.check_setpoints();
     let last = world.setpoints.last().unwrap();
     assert_eq!((last.epoch, last.released), (2, false));
+}
+
+/// A wall that holds for 200 ms from each command that comes.
+fn lasting_wall(seq: u64, clock_ns: u64, state: &State) -> Command {
+    Command { ttl_ms: 200, ..wall_command(seq, clock_ns, state.seq) }
+}
+
+#[test]
+fn a_wall_stands_on_the_worst_of_paths_and_a_wrench_does_not() {
+    for (delay_ms, loss, burst) in
+        [(0, 0.5, 1.0), (0, 0.5, 10.0), (100, 0.3, 10.0), (200, 0.3, 1.0), (200, 0.5, 10.0)]
+    {
+        let network =
+            Impairment { delay_ns: delay_ms * MS + 100_000, loss, burst, ..Impairment::NONE };
+        let mut world = World::new();
+        let client = world.add(Role::Controller, network, 3 * delay_ms + burst as u64);
+        world.clients[client].answer = lasting_wall;
+        world.clients[client].at_least_ns = 4 * MS;
+        world.run_until(20 * S);
+        world.check_setpoints();
+        let held =
+            |pair: &[Setpoint]| (pair[1].received_ns - pair[0].received_ns).min(pair[0].ttl_ns);
+        let stood_ns: u64 = world.setpoints.windows(2).map(held).sum();
+        let (first, last) = (&world.setpoints[0], world.setpoints.last().unwrap());
+        let stood = stood_ns as f64 / (last.received_ns - first.received_ns) as f64;
+        assert!(last.received_ns > 19 * S, "{delay_ms} {loss} {burst}: the wall went for good");
+        assert!(stood > 0.99, "{delay_ms} {loss} {burst}: {stood}");
+
+        world.clients[client].answer = |seq, clock_ns, state| Command {
+            body: Some(command::Body::Wrench(WrenchCommand { wrench: vec![1.0, 0.0, 0.0] })),
+            ..lasting_wall(seq, clock_ns, state)
+        };
+        let before = world.setpoints.len();
+        world.run_until(24 * S);
+        let later = world.setpoints[before..].iter();
+        let forces = later.filter(|setpoint| setpoint.received_ns > 21 * S).count();
+        assert_eq!(forces, 0, "{delay_ms} {loss} {burst}: a force over such a path");
+    }
 }
 
 #[test]

@@ -52,7 +52,7 @@ fn quality_follows_the_network_and_decides_what_is_taken() {
         (path(0.03, 2), Quality::Good, true, true),
         (path(0.15, 2), Quality::Fair, false, true),
         (path(0.0, 40), Quality::Fair, false, true),
-        (path(0.6, 2), Quality::Poor, false, false),
+        (path(0.6, 2), Quality::Poor, false, true),
     ];
     for (network, quality, wrench, contacts) in table {
         for (direct, taken) in [(true, wrench), (false, contacts)] {
@@ -75,10 +75,15 @@ fn quality_follows_the_network_and_decides_what_is_taken() {
 #[test]
 fn over_a_path_longer_than_the_greatest_age_nothing_is_taken_however_fresh_it_looks() {
     let far = |delay_ms: u64| Impairment { delay_ns: delay_ms * MS, ..GOOD };
-    for (delay_ms, taken) in [(90, true), (110, false)] {
+    for (wrench, delay_ms, taken) in
+        [(true, 90, true), (true, 110, false), (false, 490, true), (false, 510, false)]
+    {
         let mut world = World::new();
-        world.add(Role::Controller, far(delay_ms), 1);
-        world.run_until(2 * S);
+        let client = world.add(Role::Controller, far(delay_ms), 1);
+        if wrench {
+            world.clients[client].answer = wrench_command;
+        }
+        world.run_until(3 * S);
         assert_eq!(!world.setpoints.is_empty(), taken);
         assert_eq!(count(&world.sessions, Outcome::Stale) > 1000, !taken);
     }

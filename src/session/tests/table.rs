@@ -27,6 +27,7 @@ bad_wrench     unexpected not_allowed not_allowed invalid     invalid     invali
 repeated       unexpected not_allowed not_allowed accepted    old         old         not_allowed old
 from_future    unexpected not_allowed not_allowed invalid     invalid     invalid     not_allowed invalid
 from_the_past  unexpected not_allowed not_allowed stale       stale       stale       not_allowed stale
+wall_of_the_past unexpected not_allowed not_allowed accepted  accepted    accepted    not_allowed accepted
 hand_target    unexpected not_allowed accepted    not_allowed not_allowed not_allowed not_allowed not_allowed
 bad_target     unexpected not_allowed invalid     not_allowed not_allowed not_allowed not_allowed not_allowed
 old_target     unexpected not_allowed old         not_allowed not_allowed not_allowed not_allowed not_allowed
@@ -115,7 +116,8 @@ fn bytes(name: &str) -> Option<Vec<u8>> {
         "bad_wrench" => with_body(wrench(4)),
         "repeated" => datagram(wall_command(5, 0, 1_000)),
         "from_future" => datagram(wall_command(6, 0, 1_001)),
-        "from_the_past" => datagram(wall_command(6, 0, 700)),
+        "from_the_past" => datagram(Command { body: wrench(3), ..wall_command(6, 0, 700) }),
+        "wall_of_the_past" => datagram(wall_command(6, 0, 1)),
         "hand_target" => target(6, vec![0.4, 0.0, 0.0]),
         "bad_target" => target(6, vec![0.4, 0.0]),
         "old_target" => target(5, vec![0.4, 0.0, 0.0]),
@@ -167,8 +169,8 @@ fn outcome_of(name: &str, sessions: &mut Sessions, id: SessionId) -> String {
 /// What the outputs make of an outcome; checks that nothing else came out.
 fn told(name: &str, outcome: String, outputs: &[Output], id: SessionId) -> String {
     let forces = setpoints(outputs).iter().filter(|setpoint| !setpoint.released).count();
-    let commands = ["contacts", "empty_world", "wrench", "force_field", "clutch", "repeated"];
-    let taken = outcome == "accepted" && commands.contains(&name);
+    let commands = "contacts empty_world wrench force_field clutch repeated wall_of_the_past";
+    let taken = outcome == "accepted" && commands.split(' ').any(|command| command == name);
     assert_eq!(forces, usize::from(taken), "{name}: a force only from an accepted command");
     let hands = outputs.iter().filter(|output| matches!(output, Output::Hand(to) if to.held));
     assert_eq!(hands.count(), usize::from(outcome == "accepted" && name == "hand_target"));

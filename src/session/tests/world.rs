@@ -39,6 +39,10 @@ pub struct Client {
     pub ahead_ns: u64,
     /// Silent from then on.
     pub dies_ns: u64,
+    /// Sends the newest answer again, as a new command, where it has sent nothing for this long.
+    pub at_least_ns: u64,
+    newest: Option<State>,
+    sent_ns: u64,
 }
 
 impl Client {
@@ -62,6 +66,9 @@ impl Client {
             answer: |seq, clock_ns, state| wall_command(seq, clock_ns, state.seq),
             ahead_ns: 0,
             dies_ns: u64::MAX,
+            at_least_ns: u64::MAX,
+            newest: None,
+            sent_ns: 0,
         }
     }
 
@@ -117,15 +124,32 @@ impl Client {
         self.positions_m.push((state.seq, f64::from(state.position_m[0])));
         let newest = self.events.last().copied().unwrap_or(0);
         self.events.extend(state.event_id.iter().filter(|id| **id > newest));
+        self.newest = Some(state.clone());
         let clock_ns = now_ns + self.ahead_ns;
         if state.echo_client_time_ns != 0 {
             let hold_ns = u64::from(state.echo_hold_ns);
             self.rtts_ns.push(clock_ns - state.echo_client_time_ns - hold_ns);
         }
+        self.command(state, now_ns);
+    }
+
+    fn command(&mut self, state: &State, now_ns: u64) {
         let event_ack = self.events.last().copied().unwrap_or(0);
+        let clock_ns = now_ns + self.ahead_ns;
         let command = Command { event_ack, ..(self.answer)(self.next_seq, clock_ns, state) };
         self.next_seq += 1;
+        self.sent_ns = now_ns;
         link::send(&mut self.up, Packet::Datagram(datagram(command)), now_ns);
+    }
+
+    fn keep_on(&mut self, now_ns: u64) {
+        if now_ns.saturating_sub(self.sent_ns) < self.at_least_ns {
+            return;
+        }
+        if let Some(state) = self.newest.take() {
+            self.command(&state, now_ns);
+            self.newest = Some(state);
+        }
     }
 }
 
@@ -167,6 +191,7 @@ impl World {
             }
             if self.now_ns == tick_ns {
                 let tick = tick_ns / MS;
+                self.clients.iter_mut().for_each(|client| client.keep_on(tick_ns));
                 self.sessions.on_report(&(self.device)(tick), tick_ns);
                 self.act();
             }
