@@ -18,6 +18,7 @@
 //! | [`impairment`] | PURE a bad network, from a seed |
 //! | [`link`] | the bridges of the real-time thread |
 //! | [`control`] | PURE one tick: sample, setpoint and plan become a decision |
+//! | `sealed` | PURE sealed datagrams for plain UDP: packets, replay, repetition |
 //! | [`session`] | PURE who may command: handshake, lease, liveness |
 //! | [`device`] | where samples come from: simulated plant and hand |
 //! | [`config`] | what the user wrote becomes what the loop needs |
@@ -86,6 +87,8 @@ pub mod quic;
 pub mod recording;
 #[cfg(target_os = "linux")]
 pub mod rt;
+#[cfg(feature = "client")]
+pub mod sealed;
 pub mod session;
 #[cfg(target_os = "linux")]
 pub mod telemetry;

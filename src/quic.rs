@@ -13,10 +13,11 @@ use quinn::{IdleTimeout, TransportConfig, VarInt};
 use rustls::crypto::CryptoProvider;
 
 use crate::notation::MAX_ACTUATORS;
-use crate::wire::{MAX_COMMAND_BYTES, PROTOCOL, max_detailed_bytes};
+use crate::wire::{MAX_COMMAND_BYTES, MAX_FRAME_BYTES, PROTOCOL, max_detailed_bytes};
 
-/// quinn counts this much beside the bytes of each datagram it holds.
-const BOOKKEEPING_BYTES: usize = 32;
+/// quinn counts this much beside the bytes of each datagram it holds, and WebTransport puts the
+/// number of its session before each.
+const BOOKKEEPING_BYTES: usize = 32 + 8;
 
 /// Datagrams that may wait: the newest State or Command, and a Ping or Pong beside it.
 const WAITING: usize = 2;
@@ -98,10 +99,45 @@ pub fn alpn() -> Vec<u8> {
     PROTOCOL.as_bytes().to_vec()
 }
 
+/// That of WebTransport, HTTP/3.
+pub fn alpn_webtransport() -> Vec<u8> {
+    web_transport_quinn::ALPN.as_bytes().to_vec()
+}
+
+/// Where the stream is, of all that a WebTransport URL can name.
+pub const WEBTRANSPORT_PATH: &str = "/hapticd/1";
+
+/// The name by which a client that knows the server by its hash asks for it. A WebTransport client
+/// that does not gets a certificate for browsers, which lives two weeks at most.
+pub const PINNED_NAME: &str = "pinned.hapticd";
+
+/// Read at a time from the reliable stream.
+pub const CHUNK_BYTES: usize = 16 * 1024;
+
+/// What a peer may have on its way on one stream, and on all: a few messages.
+const STREAM_WINDOW_BYTES: u32 = 2 * MAX_FRAME_BYTES as u32;
+
+/// The reliable stream; for WebTransport, beside it, the request that made the session.
+const BIDI_STREAMS: u32 = 2;
+
+/// HTTP/3 has three for itself, and browsers open more to see what happens.
+const UNI_STREAMS: u32 = 8;
+
 /// The one cryptography provider of the crate.
 pub fn provider() -> Arc<CryptoProvider> {
     Arc::new(rustls::crypto::ring::default_provider())
 }
+
+/// Random bytes of the system.
+pub fn fill_random(bytes: &mut [u8]) -> Result<(), NoRandomBytes> {
+    use ring::rand::SecureRandom;
+    ring::rand::SystemRandom::new().fill(bytes).map_err(|_| NoRandomBytes)
+}
+
+/// The system gave none.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the system gave no random bytes")]
+pub struct NoRandomBytes;
 
 /// SHA-256 of a certificate's DER: what clients check it by.
 pub fn fingerprint(certificate_der: &[u8]) -> [u8; 32] {
@@ -123,8 +159,10 @@ fn transport(sends_bytes: usize, per_s: f64, takes_bytes: usize) -> Arc<Transpor
         .keep_alive_interval(Some(KEEP_ALIVE))
         .datagram_send_buffer_size(WAITING * (sends_bytes + BOOKKEEPING_BYTES))
         .datagram_receive_buffer_size(Some(WAITING * (takes_bytes + BOOKKEEPING_BYTES)))
-        .max_concurrent_bidi_streams(VarInt::from_u32(1))
-        .max_concurrent_uni_streams(VarInt::from_u32(0))
+        .max_concurrent_bidi_streams(VarInt::from_u32(BIDI_STREAMS))
+        .max_concurrent_uni_streams(VarInt::from_u32(UNI_STREAMS))
+        .stream_receive_window(VarInt::from_u32(STREAM_WINDOW_BYTES))
+        .receive_window(VarInt::from_u32(2 * STREAM_WINDOW_BYTES))
         // One small datagram at a time leaves nothing to segment.
         .enable_segmentation_offload(false);
     Arc::new(config)

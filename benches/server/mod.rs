@@ -25,6 +25,7 @@ const TABLES: &str = "\
 [server]
 grpc_port = 0
 stream_port = 0
+udp_port = 0
 http_port = 0
 [session]
 max_sessions = 100

@@ -12,14 +12,14 @@ use super::reachable;
 use super::services::Services;
 use super::sockets::Sockets;
 use crate::archive::Archive;
-use crate::client::ConnectString;
+use crate::client::{ConnectString, DEFAULT_UDP_PORT};
 use crate::clock::now_ns;
 use crate::config::{
     DeviceDefinition, RealtimePolicy, ServedDevice, ServerConfig, StateDir, default_state_dir,
     load_devices,
 };
 use crate::host::Hosts;
-use crate::net::{self, Identity, StreamHandle, StreamParts};
+use crate::net::{self, Access, BrowserIdentity, Identity, StreamHandle, StreamParts};
 use crate::rt::{self, Processor, Realtime, RtConfig};
 use crate::session::SessionConfig;
 use crate::telemetry::Telemetry;
@@ -54,7 +54,8 @@ pub struct Daemon {
 impl Daemon {
     /// Starts everything.
     pub fn start(config: &ServerConfig, start: Start) -> anyhow::Result<Self> {
-        let Ready { devices, state_dir, identity, archive, sockets } = Ready::new(config, start)?;
+        let Ready { devices, state_dir, identity, browser, archive, sockets } =
+            Ready::new(config, start)?;
         let sha256 = identity.sha256();
         let grpc_address = sockets.grpc.local_addr()?;
         let http_address = sockets.http.local_addr()?;
@@ -68,10 +69,14 @@ impl Daemon {
             connected.push(device);
             streamed.push(stream);
         }
-        let (sessions, calls) = net::session_calls();
+        let udp_port = sockets.sealed.local_addr()?.port();
+        let (sessions, calls) = net::session_calls(udp_port);
         let stream = net::spawn_stream(StreamParts {
             socket: sockets.stream,
+            sealed: sockets.sealed,
             identity,
+            browser,
+            access: Access { names: config.names.clone(), origins: config.origins.clone() },
             devices: streamed,
             calls,
             on_start: raise_stream(config.rt_priority),
@@ -86,6 +91,7 @@ impl Daemon {
             grpc_port: grpc_address.port(),
             sha256: Some(sha256),
             token: None,
+            udp_port: (udp_port != DEFAULT_UDP_PORT).then_some(udp_port),
         };
         let hosts = devices.iter().map(|device| device.host().clone()).collect();
         services.serve(telemetry.scrape(), &Hosts::new(hosts), sessions, Arc::clone(&archive));
@@ -142,6 +148,7 @@ struct Ready {
     devices: Vec<ReadyDevice>,
     state_dir: StateDir,
     identity: Identity,
+    browser: Arc<BrowserIdentity>,
     archive: Arc<Archive>,
     sockets: Sockets,
 }
@@ -156,9 +163,10 @@ impl Ready {
         let devices = config.devices.iter().zip(definitions).map(ready);
         let devices = devices.collect::<Result<_, _>>()?;
         let identity = Identity::load_or_create(state_dir.path())?;
+        let browser = Arc::new(BrowserIdentity::load_or_create(state_dir.path())?);
         let sockets = Sockets::bind(config, start.or_free_ports)?;
         let archive = Arc::new(Archive::open(state_dir.path())?);
-        Ok(Self { devices, state_dir, identity, archive, sockets })
+        Ok(Self { devices, state_dir, identity, browser, archive, sockets })
     }
 }
 

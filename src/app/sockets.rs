@@ -10,8 +10,10 @@ use crate::config::ServerConfig;
 /// All of them.
 #[derive(Debug)]
 pub struct Sockets {
-    /// QUIC.
+    /// QUIC and WebTransport.
     pub stream: UdpSocket,
+    /// Sealed UDP.
+    pub sealed: UdpSocket,
     /// gRPC.
     pub grpc: TcpListener,
     /// Metrics and health.
@@ -26,6 +28,7 @@ impl Sockets {
         let tcp = |address: SocketAddr| TcpListener::bind(address);
         Ok(Self {
             stream: bind("stream_port", ip, config.stream_port, or_free, udp)?,
+            sealed: bind("udp_port", ip, config.udp_port, or_free, udp)?,
             grpc: bind("grpc_port", ip, config.grpc_port, or_free, tcp)?,
             http: bind("http_port", ip, config.http_port, or_free, tcp)?,
         })

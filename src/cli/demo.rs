@@ -15,7 +15,7 @@ use super::netsim::BadPath;
 use super::view;
 use crate::app::netsim::Netsim;
 use crate::app::{Daemon, Logs, Start, init_log};
-use crate::client::ConnectString;
+use crate::client::{ConnectString, Transport};
 use crate::config::{LogLevel, ServedDevice, ServerConfig};
 use crate::device::HandProgram;
 use crate::telemetry::RunFigures;
@@ -67,6 +67,9 @@ struct Wall {
     /// Keep state here instead of in a folder that is removed afterwards
     #[arg(long, value_name = "DIR")]
     state_dir: Option<PathBuf>,
+    /// What carries the scene's stream: quic, webtransport or udp
+    #[arg(long, value_name = "TRANSPORT", default_value_t = Transport::Quic)]
+    transport: Transport,
     #[command(flatten)]
     path: BadPath,
 }
@@ -98,7 +101,7 @@ impl Wall {
         announce(&daemon, &logs);
         let wall = daemon.devices()[0].host().definition().demo_wall(self.hand);
         let (_netsim, reached_by) = self.network(&daemon)?;
-        let mut scene = Scene::start(&reached_by)?;
+        let mut scene = Scene::start(&reached_by, self.transport)?;
         let until = self.seconds.map(|seconds| Instant::now() + seconds);
         let live = !self.json && std::io::stdout().is_terminal();
         if live {
@@ -115,15 +118,15 @@ impl Wall {
 
     /// The bad network between daemon and scene, if one is asked for, and how the scene reaches
     /// the daemon.
-    fn network(&self, daemon: &Daemon) -> anyhow::Result<(Option<Netsim>, ConnectString)> {
+    fn network(&self, daemon: &Daemon) -> anyhow::Result<(Option<[Netsim; 2]>, ConnectString)> {
         let direct = daemon.connect_string();
         if !self.path.is_bad() {
             return Ok((None, direct.clone()));
         }
         let here = IpAddr::V4(Ipv4Addr::LOCALHOST);
-        let target = (direct.host.parse().unwrap_or(here), direct.stream_port).into();
-        let (proxy, through) = self.path.stand_before(direct, target, (here, 0).into())?;
-        Ok((Some(proxy), through))
+        let ip = direct.host.parse().unwrap_or(here);
+        let (proxies, through) = self.path.stand_before(direct, ip, (here, 0).into())?;
+        Ok((Some(proxies), through))
     }
 }
 
@@ -158,11 +161,12 @@ struct Scene {
 }
 
 impl Scene {
-    fn start(server: &ConnectString) -> anyhow::Result<Self> {
+    fn start(server: &ConnectString, transport: Transport) -> anyhow::Result<Self> {
         let program = std::env::current_exe().context("cannot find this program")?;
         let stderr = tempfile::tempfile().context("no file for what the scene says")?;
         let child = Command::new(program)
             .args(["scene", "wall", "--connect", &server.to_string()])
+            .args(["--transport", transport.name()])
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(stderr.try_clone()?)

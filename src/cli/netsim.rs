@@ -1,6 +1,6 @@
 //! `hapticd netsim`: a bad network between a server and its clients.
 
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::time::Duration;
 
 use anyhow::Context;
@@ -10,11 +10,11 @@ use serde_json::{Value, json};
 use super::format::parse_seconds;
 use crate::app::Signals;
 use crate::app::netsim::{Figures, Netsim as Proxy, NetsimConfig};
-use crate::client::ConnectString;
+use crate::client::{ConnectString, DEFAULT_UDP_PORT};
 use crate::impairment::{Carried, Impairment};
 
 /// Stand between a server and its clients as a bad network: whoever connects to the line that
-/// is printed reaches the server's stream through it
+/// is printed reaches the server's stream through it, whatever the transport
 ///
 /// Each direction is as bad as is said: the round trip has twice the delay. The services
 /// (gRPC) are not behind it: the printed line names the server's own port.
@@ -29,7 +29,8 @@ pub struct Netsim {
     /// Where the server is: the line that `serve` prints, or HOST:PORT on this machine
     #[arg(long, value_name = "STRING", default_value = "127.0.0.1:7351")]
     connect: ConnectString,
-    /// Where clients come; port 0: any that is free
+    /// Where clients of QUIC and WebTransport come, and beside it on a free port those of sealed
+    /// UDP; port 0: any that is free
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
     listen: SocketAddr,
     #[command(flatten)]
@@ -88,7 +89,7 @@ impl Netsim {
             .with_context(|| format!("cannot find {}", self.connect.host))?
             .next()
             .with_context(|| format!("{} has no address", self.connect.host))?;
-        let (proxy, through) = self.path.stand_before(&self.connect, target, self.listen)?;
+        let (proxies, through) = self.path.stand_before(&self.connect, target.ip(), self.listen)?;
         // With --json stdout is for the object alone.
         if self.json {
             eprintln!("{through}")
@@ -99,7 +100,10 @@ impl Netsim {
             () = signals.received() => {}
             () = tokio::time::sleep(self.seconds.unwrap_or_default()), if self.seconds.is_some() => {}
         }
-        let Figures { up, down } = proxy.figures();
+        let [stream, sealed] = proxies.map(|proxy| proxy.figures());
+        let Figures { mut up, mut down } = stream;
+        up += sealed.up;
+        down += sealed.down;
         if self.json {
             say!("{}", json!({ "up": figures(&up), "down": figures(&down) }));
         } else {
@@ -121,19 +125,29 @@ impl BadPath {
             || rate_bit_per_s.is_finite()
     }
 
-    /// A proxy before a server's stream, and the line by which clients reach it.
+    /// Proxies before a server's stream and its sealed UDP, and the line by which clients reach
+    /// them.
     pub fn stand_before(
         &self,
         server: &ConnectString,
-        target: SocketAddr,
+        ip: IpAddr,
         listen: SocketAddr,
-    ) -> anyhow::Result<(Proxy, ConnectString)> {
+    ) -> anyhow::Result<([Proxy; 2], ConnectString)> {
         let (impairment, seed) = (self.impairment(), self.seed);
-        let proxy = Proxy::start(NetsimConfig { listen, target, impairment, seed })
-            .with_context(|| format!("cannot listen on {listen}"))?;
-        let host = proxy.address.ip().to_string();
-        let through = ConnectString { host, stream_port: proxy.address.port(), ..server.clone() };
-        Ok((proxy, through))
+        let stand = |listen: SocketAddr, port| {
+            let target = (ip, port).into();
+            Proxy::start(NetsimConfig { listen, target, impairment, seed })
+                .with_context(|| format!("cannot listen on {listen}"))
+        };
+        let stream = stand(listen, server.stream_port)?;
+        let sealed = stand((listen.ip(), 0).into(), server.udp_port.unwrap_or(DEFAULT_UDP_PORT))?;
+        let through = ConnectString {
+            host: stream.address.ip().to_string(),
+            stream_port: stream.address.port(),
+            udp_port: Some(sealed.address.port()),
+            ..server.clone()
+        };
+        Ok(([stream, sealed], through))
     }
 
     fn impairment(&self) -> Impairment {

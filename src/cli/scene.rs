@@ -8,7 +8,7 @@ use tokio::time::MissedTickBehavior;
 
 use super::format::{device_resource, parse_seconds};
 use crate::app::Signals;
-use crate::client::{Client, ClientError, ConnectString, Incoming, Options};
+use crate::client::{Client, ClientError, ConnectString, Incoming, Options, Transport};
 use crate::proto::{ByeReason, Contact, HalfSpaceContact, Role, contact::Shape};
 use crate::units::{self, FieldError};
 
@@ -31,7 +31,8 @@ enum Which {
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   hapticd scene wall --connect 127.0.0.1:7351 --seconds 30
-  hapticd scene wall --connect 'hapticd://127.0.0.1:7351/?sha256=...' --stiffness 500")]
+  hapticd scene wall --connect 'hapticd://127.0.0.1:7351/?sha256=...' --stiffness 500
+  hapticd scene wall --transport udp --seconds 30")]
 struct Wall {
     /// Where the server is: the line that `serve` prints, or HOST:PORT on this machine
     #[arg(long, value_name = "STRING", default_value = "127.0.0.1:7351")]
@@ -39,9 +40,9 @@ struct Wall {
     /// Which device, where there are several
     #[arg(long, value_name = "NAME")]
     device: Option<String>,
-    /// Transport of the stream
-    #[arg(long, default_value = "quic", value_parser = ["quic"])]
-    transport: String,
+    /// What carries the stream: quic, webtransport or udp
+    #[arg(long, value_name = "TRANSPORT", default_value_t = Transport::Quic)]
+    transport: Transport,
     /// End after this time; without it, at Ctrl-C
     #[arg(long, value_name = "N", value_parser = parse_seconds, allow_negative_numbers = true)]
     seconds: Option<Duration>,
@@ -103,6 +104,7 @@ impl Wall {
         let mut signals = Signals::register()?;
         let options = Options {
             device: device_resource(self.device.as_deref()),
+            transport: self.transport,
             ..Options::new("hapticd scene wall", Role::Controller)
         };
         let mut client = tokio::select! {

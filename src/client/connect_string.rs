@@ -13,6 +13,9 @@ pub const DEFAULT_STREAM_PORT: u16 = 7351;
 /// TCP port of the services.
 pub const DEFAULT_GRPC_PORT: u16 = 7350;
 
+/// UDP port of sealed datagrams.
+pub const DEFAULT_UDP_PORT: u16 = 7352;
+
 const SCHEME: &str = "hapticd";
 
 /// Where a server is and how to know it.
@@ -28,6 +31,9 @@ pub struct ConnectString {
     pub sha256: Option<[u8; 32]>,
     /// Credential, where the server wants one.
     pub token: Option<String>,
+    /// UDP port of sealed datagrams, where it is not [`DEFAULT_UDP_PORT`], or not the one that
+    /// the server says: of a proxy.
+    pub udp_port: Option<u16>,
 }
 
 /// A connect string that cannot be read.
@@ -44,7 +50,7 @@ impl ConnectString {
     /// A server on this machine.
     pub fn local(stream_port: u16, grpc_port: u16) -> Self {
         let host = "127.0.0.1".to_owned();
-        Self { host, stream_port, grpc_port, sha256: None, token: None }
+        Self { host, stream_port, grpc_port, sha256: None, token: None, udp_port: None }
     }
 
     /// True when the host is this machine without asking anybody.
@@ -73,6 +79,9 @@ impl fmt::Display for ConnectString {
         }
         if self.grpc_port != DEFAULT_GRPC_PORT {
             query.append_pair("grpc", &self.grpc_port.to_string());
+        }
+        if let Some(port) = self.udp_port {
+            query.append_pair("udp", &port.to_string());
         }
         write!(f, "{SCHEME}://{}/", authority(&self.host, self.stream_port))?;
         let query = query.finish();
@@ -105,6 +114,7 @@ impl FromStr for ConnectString {
             grpc_port: DEFAULT_GRPC_PORT,
             sha256: None,
             token: None,
+            udp_port: None,
         };
         for (key, value) in form_urlencoded::parse(uri.query().unwrap_or("").as_bytes()) {
             match key.as_ref() {
@@ -113,6 +123,7 @@ impl FromStr for ConnectString {
                         unhex(&value).ok_or_else(|| fail("sha256 must be 64 hex digits".into()))?;
                     found.sha256 = Some(hash);
                 }
+                "udp" => found.udp_port = Some(port_of("udp", &value).map_err(&fail)?),
                 "grpc" => found.grpc_port = port_of("grpc", &value).map_err(&fail)?,
                 "token" => found.token = Some(value.into_owned()),
                 // A newer server may say more; what is unknown is not needed here.
@@ -153,6 +164,7 @@ mod tests {
             grpc_port: 9001,
             sha256: Some([0xa5; 32]),
             token: Some("a+b c".into()),
+            udp_port: Some(9002),
         };
         for string in [
             full.clone(),
@@ -178,6 +190,7 @@ mod tests {
             ("http://host:1/", "must begin with hapticd://"),
             ("hapticd://host:1/?sha256=12", "64 hex digits"),
             ("hapticd://host:1/?grpc=0", "1 to 65535"),
+            ("hapticd://host:1/?udp=70000", "udp = 70000: must be a port"),
             ("", "looks like"),
             ("host:port", "port = port: must be a port, 1 to 65535"),
             ("host:0", "1 to 65535"),

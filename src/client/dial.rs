@@ -1,14 +1,17 @@
-//! From a connect string to a QUIC connection: every address of the host, one after the other.
+//! From a connect string to a QUIC connection, or a WebTransport session over one: every address
+//! of the host, one after the other.
 
 use std::net::SocketAddr;
 use std::sync::Arc;
 
+use quinn::Endpoint;
 use quinn::crypto::rustls::QuicClientConfig;
-use quinn::{Connection, Endpoint};
+use web_transport_quinn::Session;
+use web_transport_quinn::proto::ConnectRequest;
 
 use super::verify::ByFingerprint;
-use super::{ClientError, ConnectString};
-use crate::quic;
+use super::{ClientError, ConnectString, Transport};
+use crate::quic::{self, PINNED_NAME, WEBTRANSPORT_PATH};
 
 /// TLS alert 49, `access_denied` (RFC 8446, section 6): a certificate that the application
 /// does not accept.
@@ -16,7 +19,10 @@ const ACCESS_DENIED_ALERT: u8 = 49;
 
 /// A connection with the endpoint that drives it. Where no address of the host answers, the
 /// last one's error.
-pub async fn dial(target: &ConnectString) -> Result<(Connection, Endpoint), ClientError> {
+pub async fn dial(
+    target: &ConnectString,
+    transport: Transport,
+) -> Result<(Session, Endpoint), ClientError> {
     let host = || target.host.clone();
     if target.sha256.is_none() && !target.is_loopback() {
         return Err(ClientError::HashNeeded { host: host() });
@@ -27,7 +33,7 @@ pub async fn dial(target: &ConnectString) -> Result<(Connection, Endpoint), Clie
     let missing = std::io::Error::new(std::io::ErrorKind::NotFound, "it has no address");
     let mut failed = ClientError::Resolve { host: host(), source: missing };
     for address in addresses {
-        match try_one(target, address).await {
+        match try_one(target, transport, address).await {
             Ok(connected) => return Ok(connected),
             Err(error) => failed = error,
         }
@@ -37,14 +43,26 @@ pub async fn dial(target: &ConnectString) -> Result<(Connection, Endpoint), Clie
 
 async fn try_one(
     target: &ConnectString,
+    transport: Transport,
     address: SocketAddr,
-) -> Result<(Connection, Endpoint), ClientError> {
-    let endpoint = endpoint(target, address)?;
+) -> Result<(Session, Endpoint), ClientError> {
+    let webtransport = transport == Transport::WebTransport;
+    let alpn = if webtransport { quic::alpn_webtransport() } else { quic::alpn() };
+    let endpoint = endpoint(target, alpn, address)?;
     let connecting = endpoint
-        .connect(address, "hapticd")
+        .connect(address, PINNED_NAME)
         .map_err(|source| ClientError::Address { address, source })?;
     let connection = connecting.await.map_err(|source| connect_error(address, source))?;
-    Ok((connection, endpoint))
+    if !webtransport {
+        return Ok((Session::raw(connection), endpoint));
+    }
+    // By its address: whatever name it was found by, that is where it was found.
+    let url = format!("https://{address}{WEBTRANSPORT_PATH}");
+    let request = url.parse().map(|url: url::Url| ConnectRequest::new(url));
+    let request = request.map_err(|_| ClientError::NoWelcome)?;
+    let session = Session::connect(connection, request).await;
+    let session = session.map_err(|source| ClientError::WebTransport { address, source })?;
+    Ok((session, endpoint))
 }
 
 /// The verifier's refusal comes back as a transport error of its certificate alert.
@@ -58,7 +76,11 @@ fn connect_error(address: SocketAddr, source: quinn::ConnectionError) -> ClientE
     }
 }
 
-fn endpoint(target: &ConnectString, address: SocketAddr) -> Result<Endpoint, ClientError> {
+fn endpoint(
+    target: &ConnectString,
+    alpn: Vec<u8>,
+    address: SocketAddr,
+) -> Result<Endpoint, ClientError> {
     let provider = quic::provider();
     let verifier = ByFingerprint { sha256: target.sha256, provider: Arc::clone(&provider) };
     let mut tls = rustls::ClientConfig::builder_with_provider(provider)
@@ -66,7 +88,7 @@ fn endpoint(target: &ConnectString, address: SocketAddr) -> Result<Endpoint, Cli
         .dangerous() // the hash decides, not a chain of signatures
         .with_custom_certificate_verifier(Arc::new(verifier))
         .with_no_client_auth();
-    tls.alpn_protocols = vec![quic::alpn()];
+    tls.alpn_protocols = vec![alpn];
     let tls = QuicClientConfig::try_from(tls)
         .map_err(|error| ClientError::Tls(rustls::Error::General(error.to_string())))?;
     let mut config = quinn::ClientConfig::new(Arc::new(tls));

@@ -2,7 +2,9 @@
 
 use std::net::SocketAddr;
 
+use super::ServicesError;
 use crate::proto::ByeReason;
+use crate::sealed::MAX_BODY_BYTES;
 use crate::wire::FrameError;
 
 /// Why a client stops.
@@ -35,7 +37,19 @@ pub enum ClientError {
     Address { address: SocketAddr, source: quinn::ConnectError },
     /// The connection broke.
     #[error("the connection to the server was lost: {0}")]
-    Lost(#[from] quinn::ConnectionError),
+    Lost(String),
+    /// The server takes no WebTransport session.
+    #[error("{address} takes no WebTransport session: {source}")]
+    WebTransport { address: SocketAddr, source: web_transport_quinn::ClientError },
+    /// The services, which open a session over sealed UDP, are not there.
+    #[error(transparent)]
+    Services(#[from] Box<ServicesError>),
+    /// A call was refused.
+    #[error("the server refused: {0}")]
+    Call(String),
+    /// Longer than any datagram can be.
+    #[error("cannot send a datagram of {bytes} bytes: at most {MAX_BODY_BYTES} fit")]
+    TooLong { bytes: usize },
     /// The server said Bye.
     #[error("the server ended the session ({}): {detail}", reason.as_str_name())]
     Bye { reason: ByeReason, detail: String },
@@ -50,5 +64,5 @@ pub enum ClientError {
     Send(#[from] quinn::SendDatagramError),
     /// The reliable stream broke.
     #[error("cannot write to the server: {0}")]
-    Write(#[from] quinn::WriteError),
+    Write(#[from] web_transport_quinn::WriteError),
 }

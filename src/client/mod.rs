@@ -18,16 +18,20 @@
 //! Nothing here needs Linux or the server's code. A client never re-sends: commands are
 //! absolute and the newest wins.
 
+mod carrier;
 mod connect_string;
 mod dial;
 mod error;
+mod sealed;
 mod services;
 mod stream;
+mod transport;
 mod verify;
 
 pub use connect_string::{
-    ConnectString, ConnectStringError, DEFAULT_GRPC_PORT, DEFAULT_STREAM_PORT,
+    ConnectString, ConnectStringError, DEFAULT_GRPC_PORT, DEFAULT_STREAM_PORT, DEFAULT_UDP_PORT,
 };
 pub use error::ClientError;
 pub use services::{Devices, Services, ServicesError, services, services_in_plaintext, told};
 pub use stream::{Client, Incoming, Options};
+pub use transport::Transport;

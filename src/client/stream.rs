@@ -3,18 +3,17 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use quinn::{Connection, Endpoint, RecvStream, SendStream};
 use tokio::time::{Interval, MissedTickBehavior};
 
-use super::dial::dial;
-use super::{ClientError, ConnectString};
+use super::carrier::{Carrier, Heard};
+use super::{ClientError, ConnectString, Transport};
 use crate::proto::stream_message::Body as Message;
 use crate::proto::{
     Ack, Bye, ByeReason, Command, Contact, Contacts, Event, ForceFieldCommand, HandTarget, Hello,
     Ping, Pong, Role, State, StreamMessage, Welcome, Workspace, WrenchCommand, command,
     datagram::Body,
 };
-use crate::wire::{self, FrameDecoder, PROTOCOL, encode_frame};
+use crate::wire::{self, PROTOCOL};
 
 /// Pings of a client: often enough for a fresh figure, too few to matter.
 const PING_INTERVAL: Duration = Duration::from_millis(100);
@@ -29,6 +28,8 @@ pub struct Options {
     pub client_name: String,
     /// Observer or controller.
     pub role: Role,
+    /// What carries it.
+    pub transport: Transport,
     /// `devices/NAME`; empty where the server has one device.
     pub device: String,
     /// How often commands will be sent.
@@ -55,6 +56,7 @@ impl Options {
         Self {
             client_name: client_name.into(),
             role,
+            transport: Transport::Quic,
             device: String::new(),
             command_interval: Duration::from_millis(1),
             state_interval: Duration::ZERO,
@@ -100,14 +102,7 @@ pub enum Incoming {
 /// An open session.
 #[derive(Debug)]
 pub struct Client {
-    connection: Connection,
-    // Drives the connection; its socket closes when it goes.
-    endpoint: Endpoint,
-    send: SendStream,
-    receive: RecvStream,
-    frames: FrameDecoder,
-    /// Bytes read and not yet decoded.
-    chunk: bytes::Bytes,
+    carrier: Carrier,
     welcome: Welcome,
     /// `None`: pings only when told to.
     ping: Option<Interval>,
@@ -124,16 +119,17 @@ pub struct Client {
 impl Client {
     /// Connects, says Hello and waits for the server's answer.
     pub async fn connect(target: &ConnectString, options: Options) -> Result<Self, ClientError> {
-        let (connection, endpoint) = dial(target).await?;
-        let (mut send, mut receive) = connection.open_bi().await?;
-        let hello = StreamMessage { body: Some(Message::Hello(options.hello())) };
-        send.write_all(&encode_frame(&hello)).await?;
-        let mut frames = FrameDecoder::default();
-        let mut chunk = bytes::Bytes::new();
-        let welcome = match next_message(&mut receive, &mut frames, &mut chunk).await? {
-            Message::Welcome(welcome) => welcome,
-            Message::Bye(bye) => return Err(said(&bye)),
-            Message::Hello(_) | Message::Event(_) => return Err(ClientError::NoWelcome),
+        let mut carrier = Carrier::open(target, options.transport, options.hello()).await?;
+        let welcome = loop {
+            match carrier.hear().await? {
+                Heard::Message(Message::Welcome(welcome)) => break welcome,
+                Heard::Message(Message::Bye(bye)) => return Err(said(&bye)),
+                Heard::Message(Message::Hello(_) | Message::Event(_)) => {
+                    return Err(ClientError::NoWelcome);
+                }
+                // It overtook the answer.
+                Heard::Datagram(_) => {}
+            }
         };
         let ping = options.pings.then(|| {
             let mut ping = tokio::time::interval(PING_INTERVAL);
@@ -141,12 +137,7 @@ impl Client {
             ping
         });
         Ok(Self {
-            connection,
-            endpoint,
-            send,
-            receive,
-            frames,
-            chunk,
+            carrier,
             welcome,
             ping,
             started: Instant::now(),
@@ -166,46 +157,25 @@ impl Client {
     /// The next thing from the server. Answers and sends pings on the way, so it wants to be
     /// called all the time. Cancel safe.
     pub async fn next(&mut self) -> Result<Incoming, ClientError> {
-        match self.hear().await {
-            Err(ClientError::Lost(ended)) => self.last_words(ended).await,
-            heard => heard,
-        }
-    }
-
-    async fn hear(&mut self) -> Result<Incoming, ClientError> {
         loop {
             tokio::select! {
                 biased;
-                datagram = self.connection.read_datagram() => {
-                    if let Some(incoming) = self.on_datagram(&datagram?)? {
-                        return Ok(incoming);
-                    }
-                }
-                message = next_message(&mut self.receive, &mut self.frames, &mut self.chunk) => {
-                    match message? {
-                        Message::Event(event) => {
-                            self.saw(event.id)?;
-                            return Ok(Incoming::Event(event));
+                heard = self.carrier.hear() => match heard? {
+                    Heard::Datagram(datagram) => {
+                        if let Some(incoming) = self.on_datagram(&datagram)? {
+                            return Ok(incoming);
                         }
-                        Message::Bye(bye) => return Err(said(&bye)),
-                        // A server that repeats itself does no harm.
-                        Message::Hello(_) | Message::Welcome(_) => {}
                     }
-                }
+                    Heard::Message(Message::Event(event)) => {
+                        // Its connection may be over already: that is heard next.
+                        let _ = self.saw(event.id);
+                        return Ok(Incoming::Event(event));
+                    }
+                    Heard::Message(Message::Bye(bye)) => return Err(said(&bye)),
+                    // A server that repeats itself does no harm.
+                    Heard::Message(Message::Hello(_) | Message::Welcome(_)) => {}
+                },
                 () = due(&mut self.ping) => self.send_ping()?,
-            }
-        }
-    }
-
-    /// What the server still said on the reliable stream before the connection ended, and
-    /// then why it ended.
-    async fn last_words(&mut self, ended: quinn::ConnectionError) -> Result<Incoming, ClientError> {
-        loop {
-            match next_message(&mut self.receive, &mut self.frames, &mut self.chunk).await {
-                Ok(Message::Event(event)) => return Ok(Incoming::Event(event)),
-                Ok(Message::Bye(bye)) => return Err(said(&bye)),
-                Ok(Message::Hello(_) | Message::Welcome(_)) => {}
-                Err(_) => return Err(ended.into()),
             }
         }
     }
@@ -303,15 +273,9 @@ impl Client {
     }
 
     /// Says Bye and waits until the server has it.
-    pub async fn close(mut self) {
+    pub async fn close(self) {
         let bye = Bye { reason: ByeReason::Done.into(), detail: String::new() };
-        let bye = StreamMessage { body: Some(Message::Bye(bye)) };
-        // A server that is gone already needs no farewell.
-        let _ = self.send.write_all(&encode_frame(&bye)).await;
-        let _ = self.send.finish();
-        let _ = tokio::time::timeout(Duration::from_millis(500), self.connection.closed()).await;
-        self.connection.close(0u32.into(), b"done");
-        let _ = tokio::time::timeout(Duration::from_millis(500), self.endpoint.wait_idle()).await;
+        self.carrier.close(StreamMessage { body: Some(Message::Bye(bye)) }).await;
     }
 
     fn on_datagram(&mut self, bytes: &[u8]) -> Result<Option<Incoming>, ClientError> {
@@ -353,11 +317,8 @@ impl Client {
         self.send(&Body::Ping(ping))
     }
 
-    fn send(&self, body: &Body) -> Result<(), ClientError> {
-        match self.connection.send_datagram(wire::encode(body).into()) {
-            Err(quinn::SendDatagramError::ConnectionLost(error)) => Err(error.into()),
-            other => Ok(other?),
-        }
+    fn send(&mut self, body: &Body) -> Result<(), ClientError> {
+        self.carrier.send(wire::encode(body))
     }
 }
 
@@ -370,31 +331,5 @@ async fn due(ping: &mut Option<Interval>) {
     match ping {
         Some(ping) => drop(ping.tick().await),
         None => std::future::pending().await,
-    }
-}
-
-/// The next whole message of the reliable stream. Cancel safe: what was read is kept.
-async fn next_message(
-    receive: &mut RecvStream,
-    frames: &mut FrameDecoder,
-    chunk: &mut bytes::Bytes,
-) -> Result<Message, ClientError> {
-    loop {
-        let mut rest: &[u8] = chunk;
-        let message = frames.next(&mut rest)?;
-        let used = chunk.len() - rest.len();
-        let _ = chunk.split_to(used);
-        if let Some(body) = message.and_then(|message| message.body) {
-            return Ok(body);
-        }
-        if !chunk.is_empty() {
-            continue;
-        }
-        match receive.read_chunk(64 * 1024, true).await {
-            Ok(Some(read)) => *chunk = read.bytes,
-            Ok(None) => return Err(ClientError::Lost(quinn::ConnectionError::LocallyClosed)),
-            Err(quinn::ReadError::ConnectionLost(error)) => return Err(error.into()),
-            Err(_) => return Err(ClientError::NoWelcome),
-        }
     }
 }

@@ -28,6 +28,12 @@ pub struct ServerConfig {
     pub grpc_port: u16,
     /// UDP port of the stream, 0 for any free one.
     pub stream_port: u16,
+    /// UDP port of sealed datagrams, 0 for any free one.
+    pub udp_port: u16,
+    /// Names by which browsers may call the server, beside its addresses and localhost.
+    pub names: Vec<String>,
+    /// Pages from elsewhere that may connect.
+    pub origins: Vec<String>,
     /// TCP port of HTTP, 0 for any free one.
     pub http_port: u16,
     /// Listening beyond loopback without credentials was asked for.
@@ -148,7 +154,10 @@ impl Default for ServerConfig {
             listen: IpAddr::V4(Ipv4Addr::LOCALHOST),
             grpc_port: 7350,
             stream_port: 7351,
+            udp_port: 7352,
             http_port: 7353,
+            names: Vec::new(),
+            origins: Vec::new(),
             insecure: false,
             devices: vec![ServedDevice::default()],
             realtime: RealtimePolicy::default(),

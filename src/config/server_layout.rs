@@ -35,6 +35,9 @@ struct AddressLayout {
     listen: Option<String>,
     grpc_port: Option<i64>,
     stream_port: Option<i64>,
+    udp_port: Option<i64>,
+    names: Option<Vec<String>>,
+    origins: Option<Vec<String>>,
     http_port: Option<i64>,
     insecure: bool,
 }
@@ -75,6 +78,9 @@ impl ServerLayout {
                 server.stream_port,
                 usual.stream_port,
             )?,
+            udp_port: whole("server.udp_port", &units::PORT, server.udp_port, usual.udp_port)?,
+            names: texts("server.names", server.names, usual.names)?,
+            origins: texts("server.origins", server.origins, usual.origins)?,
             http_port: whole("server.http_port", &units::PORT, server.http_port, usual.http_port)?,
             insecure: server.insecure,
             devices,
@@ -129,6 +135,29 @@ impl SessionLayout {
             return Err(FieldError::new(key, ms, allowed));
         }
         Ok(limits)
+    }
+}
+
+/// Names of hosts or pages: short, and without anything that is never in one.
+fn texts(
+    field: &str,
+    written: Option<Vec<String>>,
+    usual: Vec<String>,
+) -> Result<Vec<String>, FieldError> {
+    let texts = written.unwrap_or(usual);
+    let fits = |text: &String| {
+        (1..=253).contains(&text.len()) && text.bytes().all(|byte| byte.is_ascii_graphic())
+    };
+    match texts.iter().position(|text| !fits(text)) {
+        None => Ok(texts),
+        Some(place) => {
+            let allowed = "must be 1 to 253 printable ASCII characters without spaces";
+            Err(FieldError::new(
+                format!("{field}[{place}]"),
+                format!("{:?}", texts[place]),
+                allowed,
+            ))
+        }
     }
 }
 

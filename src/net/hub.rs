@@ -1,21 +1,25 @@
-//! What the tasks of the stream thread share: the sessions, their connections, the bridges.
+//! What the tasks of the stream thread share: the sessions, what carries them, the bridges.
 //!
 //! One task at a time holds it, and never across a wait. Everything is decided by
 //! [`Switchboard`]; here its outputs are carried out.
 
+use std::cell::RefCell;
 use std::collections::HashMap;
 use std::os::fd::OwnedFd;
+use std::rc::Rc;
 
-use quinn::{Connection, VarInt};
 use tokio::sync::mpsc;
+use web_transport_quinn::Session;
 
+use super::sealed_udp::SealedUdp;
 use crate::clock::now_ns;
 use crate::control::{Report, Setpoint};
 use crate::device::{PointerInput, PointerTarget};
 use crate::link::StreamEnd;
 use crate::proto::StreamMessage;
 use crate::session::{
-    HandTarget, Outcome, Output, Quality, Role, SessionConfig, SessionId, Switchboard, Transport,
+    HandTarget, Outcome, Output, Quality, Role, SessionConfig, SessionId, SessionInfo, Switchboard,
+    Transport,
 };
 use crate::telemetry::{RoundTrips, StreamMetrics};
 use crate::wire::encode_frame;
@@ -38,20 +42,15 @@ pub struct StreamDevice {
     pub round_trips: RoundTrips,
 }
 
-/// A connected client.
-pub(super) struct Peer {
-    pub connection: Connection,
-    /// What waits for the reliable stream.
-    pub messages: mpsc::Sender<Vec<u8>>,
-}
+/// The hub, as the tasks hold it.
+pub(super) type Shared = Rc<RefCell<Hub>>;
 
-impl Peer {
-    /// Never waits. False where a datagram is lost: this one with its connection, or for want
-    /// of room the oldest that waits, which was counted as sent in its turn.
-    fn send(&self, bytes: Vec<u8>) -> bool {
-        let room = self.connection.datagram_send_buffer_space() >= bytes.len();
-        self.connection.send_datagram(bytes.into()).is_ok() && room
-    }
+/// What carries a client's session.
+pub(super) enum Carrier {
+    /// A QUIC connection or a WebTransport session, with what waits for its reliable stream.
+    Stream { session: Box<Session>, messages: mpsc::Sender<Vec<u8>> },
+    /// An association of sealed UDP.
+    Sealed,
 }
 
 /// The bridges of one device.
@@ -79,14 +78,15 @@ impl Bridges {
 /// What the tasks share.
 pub(super) struct Hub {
     pub sessions: Switchboard,
-    pub peers: HashMap<SessionId, Peer>,
+    pub peers: HashMap<SessionId, Carrier>,
+    pub sealed: SealedUdp,
     /// By the place of the device.
     bridges: Vec<Bridges>,
 }
 
 impl Hub {
     /// Nobody is connected yet. Returns the doorbells, too, in the order of the devices.
-    pub fn new(devices: Vec<StreamDevice>) -> (Self, Vec<OwnedFd>) {
+    pub fn new(devices: Vec<StreamDevice>, sealed: SealedUdp) -> (Self, Vec<OwnedFd>) {
         let (mut configs, mut bridges, mut doorbells) = (Vec::new(), Vec::new(), Vec::new());
         for device in devices {
             configs.push(device.sessions);
@@ -101,7 +101,7 @@ impl Hub {
             });
         }
         let sessions = Switchboard::new(configs);
-        (Self { sessions, peers: HashMap::new(), bridges }, doorbells)
+        (Self { sessions, peers: HashMap::new(), sealed, bridges }, doorbells)
     }
 
     /// A message came on a reliable stream. Returns by which number its client is known from
@@ -145,8 +145,7 @@ impl Hub {
         match output {
             Output::Setpoint(setpoint) => bridges.hand_over(*setpoint),
             Output::Datagram { to, transport, bytes } => {
-                let sent = self.peers.get(&to).is_some_and(|peer| peer.send(bytes));
-                let outcome = if sent { Outcome::Sent } else { Outcome::Dropped };
+                let outcome = if self.send(to, bytes) { Outcome::Sent } else { Outcome::Dropped };
                 if let Some(sessions) = self.sessions.device(device) {
                     sessions.on_sent(transport, outcome);
                 }
@@ -155,7 +154,9 @@ impl Hub {
             Output::Close { to, reason, detail } => {
                 tracing::info!(session = %to, reason = reason.as_str_name(), detail, "session ended");
                 // Its writer sends what is queued, then closes the connection.
-                self.peers.remove(&to);
+                if let Some(Carrier::Sealed) = self.peers.remove(&to) {
+                    self.sealed.end(to);
+                }
             }
             Output::Rtt { transport, rtt_ns } => {
                 bridges.metrics.rtt(transport, rtt_ns);
@@ -173,10 +174,27 @@ impl Hub {
         }
     }
 
+    /// Never waits. False where a datagram is lost: this one with its connection, or for want
+    /// of room the oldest that waits, which was counted as sent in its turn.
+    fn send(&mut self, to: SessionId, bytes: Vec<u8>) -> bool {
+        match self.peers.get(&to) {
+            Some(Carrier::Stream { session, .. }) => {
+                let room = session.datagram_send_buffer_space() >= bytes.len();
+                session.send_datagram(bytes.into()).is_ok() && room
+            }
+            Some(Carrier::Sealed) => self.sealed.send(to, &bytes),
+            None => false,
+        }
+    }
+
     fn say(&mut self, to: SessionId, message: &StreamMessage) {
-        let Some(peer) = self.peers.get(&to) else { return };
-        if peer.messages.try_send(encode_frame(message)).is_err() {
-            peer.connection.close(VarInt::from_u32(2), b"you do not read");
+        let frame = || encode_frame(message);
+        match self.peers.get(&to) {
+            Some(Carrier::Stream { session, messages }) if messages.try_send(frame()).is_err() => {
+                session.close(2, b"you do not read");
+            }
+            Some(Carrier::Sealed) => self.sealed.say(to, &frame()),
+            _ => {}
         }
     }
 
@@ -186,13 +204,17 @@ impl Hub {
             let Some(sessions) = self.sessions.device(device) else { continue };
             metrics.publish(sessions.counters());
             for role in Role::ALL {
-                let alike = |quality: Option<Quality>| {
+                let alike = |like: &dyn Fn(&SessionInfo<'_>) -> bool| {
                     let open = sessions.list(now_ns()).filter(|session| session.role == role);
-                    open.filter(|session| quality.is_none_or(|q| q == session.quality)).count()
+                    open.filter(|session| like(session)).count()
                 };
-                metrics.sessions(role, Transport::Quic, alike(None));
+                for transport in Transport::ALL {
+                    let here = |session: &SessionInfo<'_>| session.transport == transport;
+                    metrics.sessions(role, transport, alike(&here));
+                }
                 for quality in Quality::ALL {
-                    metrics.qualities(role, quality, alike(Some(quality)));
+                    let as_good = |session: &SessionInfo<'_>| session.quality == quality;
+                    metrics.qualities(role, quality, alike(&as_good));
                 }
             }
         }

@@ -36,6 +36,9 @@ pub enum IdentityError {
     /// No certificate could be made.
     #[error("cannot make a certificate: {0}")]
     Generate(#[from] rcgen::Error),
+    /// What was made or read cannot be used.
+    #[error("cannot use a certificate: {0}")]
+    Use(#[from] rustls::Error),
 }
 
 impl Identity {
@@ -44,11 +47,11 @@ impl Identity {
         let path = state_dir.join(FILE);
         let file = |source| IdentityError::File { path: path.clone(), source };
         match fs::read(&path) {
-            Ok(pem) => Self::from_pem(&path, &pem),
+            Ok(pem) => from_pem(&path, &pem),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
                 let pem = generate()?;
                 keep(state_dir, &path, &pem).map_err(file)?;
-                Self::from_pem(&path, pem.as_bytes())
+                from_pem(&path, pem.as_bytes())
             }
             Err(error) => Err(file(error)),
         }
@@ -59,19 +62,27 @@ impl Identity {
         fingerprint(&self.certificate)
     }
 
-    fn from_pem(path: &Path, pem: &[u8]) -> Result<Self, IdentityError> {
-        let malformed = |what: &str, error: &dyn std::fmt::Display| IdentityError::Malformed {
-            path: path.to_owned(),
-            what: format!("{what}: {error}"),
-        };
-        let certificate = CertificateDer::from_pem_slice(pem)
-            .map_err(|error| malformed("no certificate", &error))?;
-        let key = PrivateKeyDer::from_pem_slice(pem)
-            .map_err(|error| malformed("no private key", &error))?;
-        CertifiedKey::from_der(vec![certificate.clone()], key.clone_key(), &provider())
-            .map_err(|error| malformed("the key is not that of the certificate", &error))?;
-        Ok(Self { certificate, key })
+    /// As a handshake shows it.
+    pub(super) fn certified(&self) -> Result<CertifiedKey, rustls::Error> {
+        CertifiedKey::from_der(vec![self.certificate.clone()], self.key.clone_key(), &provider())
     }
+}
+
+/// The identity in the text of a file; `path` is for messages only.
+pub(super) fn from_pem(path: &Path, pem: &[u8]) -> Result<Identity, IdentityError> {
+    let malformed = |what: &str, error: &dyn std::fmt::Display| IdentityError::Malformed {
+        path: path.to_owned(),
+        what: format!("{what}: {error}"),
+    };
+    let certificate =
+        CertificateDer::from_pem_slice(pem).map_err(|error| malformed("no certificate", &error))?;
+    let key =
+        PrivateKeyDer::from_pem_slice(pem).map_err(|error| malformed("no private key", &error))?;
+    let identity = Identity { certificate, key };
+    identity
+        .certified()
+        .map_err(|error| malformed("the key is not that of the certificate", &error))?;
+    Ok(identity)
 }
 
 fn generate() -> Result<String, rcgen::Error> {
@@ -81,7 +92,7 @@ fn generate() -> Result<String, rcgen::Error> {
 }
 
 /// Written beside, synced, then put in place; readable by the owner alone.
-fn keep(state_dir: &Path, path: &Path, pem: &str) -> std::io::Result<()> {
+pub(super) fn keep(state_dir: &Path, path: &Path, pem: &str) -> std::io::Result<()> {
     fs::create_dir_all(state_dir)?;
     let mut file = tempfile::NamedTempFile::new_in(state_dir)?;
     file.write_all(pem.as_bytes())?;

@@ -5,18 +5,26 @@
 //! anything: the stream asks [`crate::session`], the services ask [`crate::host`].
 //! It never sees the real-time thread.
 
+mod access;
+mod associations;
+mod browser;
 mod calls;
+mod connection;
 mod door;
 mod grpc;
 mod http;
 mod hub;
 mod identity;
+mod sealed_udp;
 mod stream;
 
+pub use access::{Access, AccessRefusal};
+pub use browser::{BrowserIdentity, PublishedHashes};
 pub use calls::{SessionCalls, SessionDesk, session_calls};
 pub use door::Door;
 pub use grpc::serve as serve_grpc;
 pub use http::serve as serve_http;
 pub use hub::StreamDevice;
 pub use identity::{Identity, IdentityError};
+pub use sealed_udp::SealedUdpOffer;
 pub use stream::{StreamError, StreamHandle, StreamParts, spawn as spawn_stream};

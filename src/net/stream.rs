@@ -1,10 +1,11 @@
-//! The stream thread: QUIC connections in and out of the devices' sessions.
+//! The stream thread: clients in and out of the devices' sessions.
 //!
-//! One thread, one runtime, no lock: connections, the doorbells of the real-time threads and
-//! the timer are tasks that take turns on the same [`Hub`]. A datagram becomes a setpoint, and
+//! One thread, one runtime, no lock: connections on the QUIC port, the socket of sealed UDP, the
+//! doorbells of the real-time threads and the timer are tasks that take turns on the same
+//! [`Hub`]. A datagram becomes a setpoint, and
 //! a report becomes datagrams, without waiting for anything else.
 
-use std::cell::{Cell, RefCell};
+use std::cell::RefCell;
 use std::collections::HashMap;
 use std::io;
 use std::net::{SocketAddr, UdpSocket};
@@ -15,41 +16,40 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use quinn::crypto::rustls::QuicServerConfig;
-use quinn::{Connection, Endpoint, EndpointConfig, Incoming, ServerConfig, VarInt};
+use quinn::{Endpoint, EndpointConfig, ServerConfig, VarInt};
 use tokio::io::Interest;
 use tokio::io::unix::AsyncFd;
-use tokio::sync::{mpsc, oneshot};
+use tokio::sync::oneshot;
 
-use super::Identity;
+use super::browser::{BrowserIdentity, ByProtocol};
 use super::calls::SessionCalls;
-use super::hub::{Hub, Peer, StreamDevice};
+use super::connection::{FAREWELL, attend};
+use super::hub::{Hub, Shared, StreamDevice};
+use super::sealed_udp::{self, SealedUdp};
+use super::{Access, Identity};
 use crate::clock::now_ns;
-use crate::proto::StreamMessage;
 use crate::quic;
-use crate::session::{SessionId, Transport};
-use crate::wire::{FrameDecoder, encode_frame};
-
-/// Messages that may wait on a reliable stream; a client that reads nothing loses it.
-const WAITING_MESSAGES: usize = 256;
-
-/// Time for a message to be taken by a client that is slow to read.
-const PATIENCE: Duration = Duration::from_secs(1);
+use crate::sealed::Secret;
+use crate::session::SessionId;
 
 /// Between two looks at what was refused: a log line, at most, for each session.
 const REFUSALS: Duration = Duration::from_secs(1);
-
-/// Time for a Bye to reach its client before the connection is closed.
-const FAREWELL: Duration = Duration::from_millis(250);
 
 /// The timer's pace: pings are due every 100 ms, silence is judged in seconds.
 const TIMER: Duration = Duration::from_millis(10);
 
 /// Everything the thread is given.
 pub struct StreamParts {
-    /// Bound already, so that a port in use is known at once.
+    /// QUIC and WebTransport. Bound already, so that a port in use is known at once.
     pub socket: UdpSocket,
+    /// Sealed UDP.
+    pub sealed: UdpSocket,
     /// The server's certificate.
     pub identity: Identity,
+    /// Those that browsers take.
+    pub browser: Arc<BrowserIdentity>,
+    /// Whose pages may come.
+    pub access: Access,
     /// What is served; at least one.
     pub devices: Vec<StreamDevice>,
     /// Where calls come from.
@@ -98,7 +98,9 @@ impl Drop for StreamHandle {
 /// Starts the thread.
 pub fn spawn(parts: StreamParts) -> Result<StreamHandle, StreamError> {
     let fastest_ns = parts.devices.iter().map(|device| device.sessions.tick_ns).min();
-    let config = server_config(&parts.identity, 1e9 / fastest_ns.unwrap_or(u64::MAX) as f64)?;
+    let mut cookies = Secret::default();
+    quic::fill_random(&mut cookies).map_err(io::Error::other)?;
+    let config = server_config(&parts, 1e9 / fastest_ns.unwrap_or(u64::MAX) as f64)?;
     let address = parts.socket.local_addr()?;
     parts.socket.set_nonblocking(true)?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
@@ -106,18 +108,19 @@ pub fn spawn(parts: StreamParts) -> Result<StreamHandle, StreamError> {
     let thread = std::thread::Builder::new().name("hapticd-stream".into()).spawn(move || {
         (parts.on_start)();
         let local = tokio::task::LocalSet::new();
-        local.block_on(&runtime, serve(parts, config, stopped))
+        local.block_on(&runtime, serve(parts, config, cookies, stopped))
     })?;
     Ok(StreamHandle { address, shutdown: Some(shutdown), thread: Some(thread) })
 }
 
-fn server_config(identity: &Identity, states_per_s: f64) -> Result<ServerConfig, StreamError> {
-    let chain = vec![identity.certificate.clone()];
+fn server_config(parts: &StreamParts, states_per_s: f64) -> Result<ServerConfig, StreamError> {
+    let own = Arc::new(parts.identity.certified()?);
+    let resolver = ByProtocol { own, browser: Arc::clone(&parts.browser) };
     let mut tls = rustls::ServerConfig::builder_with_provider(quic::provider())
         .with_protocol_versions(&[&rustls::version::TLS13])?
         .with_no_client_auth()
-        .with_single_cert(chain, identity.key.clone_key())?;
-    tls.alpn_protocols = vec![quic::alpn()];
+        .with_cert_resolver(Arc::new(resolver));
+    tls.alpn_protocols = vec![quic::alpn(), quic::alpn_webtransport()];
     let tls = QuicServerConfig::try_from(tls)
         .map_err(|error| rustls::Error::General(error.to_string()))?;
     let mut config = ServerConfig::with_crypto(Arc::new(tls));
@@ -125,10 +128,17 @@ fn server_config(identity: &Identity, states_per_s: f64) -> Result<ServerConfig,
     Ok(config)
 }
 
-type Shared = Rc<RefCell<Hub>>;
-
-async fn serve(parts: StreamParts, config: ServerConfig, stopped: oneshot::Receiver<()>) {
-    let (hub, doorbells) = Hub::new(parts.devices);
+async fn serve(
+    parts: StreamParts,
+    config: ServerConfig,
+    cookies: Secret,
+    stopped: oneshot::Receiver<()>,
+) {
+    let sealed = match SealedUdp::new(parts.sealed, &cookies) {
+        Ok(sealed) => sealed,
+        Err(error) => return tracing::error!(%error, "sealed UDP cannot be served"),
+    };
+    let (hub, doorbells) = Hub::new(parts.devices, sealed);
     let hub = Rc::new(RefCell::new(hub));
     let runtime = Arc::new(quinn::TokioRuntime);
     match Endpoint::new(EndpointConfig::default(), Some(config), parts.socket, runtime) {
@@ -136,11 +146,12 @@ async fn serve(parts: StreamParts, config: ServerConfig, stopped: oneshot::Recei
             for (device, doorbell) in doorbells.into_iter().enumerate() {
                 tokio::task::spawn_local(hear_doorbell(Rc::clone(&hub), device, doorbell));
             }
+            tokio::task::spawn_local(sealed_udp::hear(Rc::clone(&hub)));
             tokio::task::spawn_local(keep_time(Rc::clone(&hub)));
             tokio::task::spawn_local(answer_calls(Rc::clone(&hub), parts.calls));
             tokio::task::spawn_local(tell_refusals(Rc::clone(&hub)));
             tokio::select! {
-                () = accept(&endpoint, &hub) => {}
+                () = accept(&endpoint, &hub, parts.access) => {}
                 _ = stopped => {}
             }
             end(&endpoint, &hub).await;
@@ -149,9 +160,10 @@ async fn serve(parts: StreamParts, config: ServerConfig, stopped: oneshot::Recei
     }
 }
 
-async fn accept(endpoint: &Endpoint, hub: &Shared) {
+async fn accept(endpoint: &Endpoint, hub: &Shared, access: Access) {
+    let access = Rc::new(access);
     while let Some(incoming) = endpoint.accept().await {
-        tokio::task::spawn_local(attend(Rc::clone(hub), incoming));
+        tokio::task::spawn_local(attend(Rc::clone(hub), incoming, Rc::clone(&access)));
     }
 }
 
@@ -163,113 +175,15 @@ async fn end(endpoint: &Endpoint, hub: &Shared) {
         hub.sessions.shutdown(now_ns());
         hub.act();
     }
-    let _ = tokio::time::timeout(2 * FAREWELL, endpoint.wait_idle()).await;
+    let farewell = async {
+        endpoint.wait_idle().await;
+        while !hub.borrow().sealed.is_idle() {
+            tokio::time::sleep(TIMER).await;
+        }
+    };
+    let _ = tokio::time::timeout(2 * FAREWELL, farewell).await;
     endpoint.close(VarInt::from_u32(0), b"shutdown");
     let _ = tokio::time::timeout(FAREWELL, endpoint.wait_idle()).await;
-}
-
-/// One client from handshake to farewell.
-async fn attend(hub: Shared, incoming: Incoming) {
-    let Ok(connection) = incoming.await else { return };
-    let connected = hub.borrow_mut().sessions.connect(Transport::Quic, now_ns());
-    let id = match connected {
-        Ok(id) => id,
-        Err(full) => return refuse(&connection, &full.bye()).await,
-    };
-    let (messages, outgoing) = mpsc::channel(WAITING_MESSAGES);
-    let peer = Peer { connection: connection.clone(), messages };
-    hub.borrow_mut().peers.insert(id, peer);
-    tracing::debug!(session = %id, address = %connection.remote_address(), "connected");
-    // It may come to join a session that waits for it.
-    let id = &Cell::new(id);
-    tokio::select! {
-        () = hear_datagrams(&hub, id, &connection) => {}
-        () = converse(&hub, id, &connection, outgoing) => {}
-    }
-    let (mut hub, id) = (hub.borrow_mut(), id.get());
-    hub.peers.remove(&id);
-    hub.sessions.disconnect(id, now_ns());
-    hub.act();
-    tracing::debug!(session = %id, "gone");
-}
-
-/// Tells a client for whom there is no room.
-async fn refuse(connection: &Connection, bye: &StreamMessage) {
-    let farewell = async {
-        if let Ok((mut send, _)) = connection.accept_bi().await {
-            let _ = send.write_all(&encode_frame(bye)).await;
-            let _ = send.finish();
-            let _ = send.stopped().await;
-        }
-    };
-    let _ = tokio::time::timeout(FAREWELL, farewell).await;
-    connection.close(VarInt::from_u32(1), b"too many sessions");
-}
-
-async fn hear_datagrams(hub: &Shared, id: &Cell<SessionId>, connection: &Connection) {
-    while let Ok(bytes) = connection.read_datagram().await {
-        let mut hub = hub.borrow_mut();
-        hub.sessions.on_datagram(id.get(), &bytes, now_ns());
-        hub.act();
-    }
-}
-
-/// The reliable stream, both ways; ends when the client is to be left.
-async fn converse(
-    hub: &Shared,
-    id: &Cell<SessionId>,
-    connection: &Connection,
-    mut outgoing: mpsc::Receiver<Vec<u8>>,
-) {
-    let opened = tokio::select! {
-        opened = connection.accept_bi() => opened,
-        // Over before it began: there is no stream to say Bye on.
-        () = drained(&mut outgoing) => return connection.close(VarInt::from_u32(3), b"no Hello"),
-    };
-    let Ok((mut send, mut receive)) = opened else { return };
-    let reading = async {
-        let mut frames = FrameDecoder::default();
-        while let Ok(Some(chunk)) = receive.read_chunk(16 * 1024, true).await {
-            let mut bytes: &[u8] = &chunk.bytes;
-            let mut hub = hub.borrow_mut();
-            loop {
-                match frames.next(&mut bytes) {
-                    Ok(Some(message)) => id.set(hub.on_message(id.get(), message)),
-                    Ok(None) => break,
-                    Err(error) => {
-                        hub.sessions.on_broken_stream(id.get(), error, now_ns());
-                        break;
-                    }
-                }
-            }
-            hub.act();
-        }
-        // The client has closed its side; the session lives on by datagrams until it is
-        // silent or says Bye.
-        std::future::pending::<()>().await;
-    };
-    let writing = async {
-        while let Some(bytes) = outgoing.recv().await {
-            // A client that takes nothing would hold its connection open for ever.
-            let written = tokio::time::timeout(PATIENCE, send.write_all(&bytes)).await;
-            if !matches!(written, Ok(Ok(()))) {
-                return connection.close(VarInt::from_u32(2), b"you do not read");
-            }
-        }
-        // No more to say: the session is over, its Bye is written.
-        let _ = send.finish();
-        let _ = tokio::time::timeout(FAREWELL, send.stopped()).await;
-        connection.close(VarInt::from_u32(0), b"bye");
-    };
-    tokio::select! {
-        () = reading => {}
-        () = writing => {}
-    }
-}
-
-/// Done when the session wants nothing said any more, because it has ended.
-async fn drained(outgoing: &mut mpsc::Receiver<Vec<u8>>) {
-    while outgoing.recv().await.is_some() {}
 }
 
 /// Every tick of a device becomes State for those who want it.
@@ -303,6 +217,7 @@ async fn keep_time(hub: Shared) {
             hub.sessions.on_timeout(now_ns());
             hub.act();
         }
+        hub.sealed.repeat();
         hub.publish();
     }
 }
@@ -312,7 +227,8 @@ async fn answer_calls(hub: Shared, mut calls: SessionCalls) {
     while let Some(call) = calls.next().await {
         {
             let mut hub = hub.borrow_mut();
-            call(&mut hub.sessions, now_ns());
+            let Hub { sessions, sealed, .. } = &mut *hub;
+            call(sessions, sealed, now_ns());
             hub.act();
         }
         // Datagrams and ticks first, however many calls wait.

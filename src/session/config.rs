@@ -9,16 +9,22 @@ use nalgebra::Vector3;
 pub enum Transport {
     /// QUIC streams and datagrams.
     Quic,
+    /// The same inside HTTP/3, for browsers.
+    WebTransport,
+    /// Sealed datagrams over plain UDP.
+    SealedUdp,
 }
 
 impl Transport {
     /// Every transport, for tables of metrics.
-    pub const ALL: [Self; 1] = [Self::Quic];
+    pub const ALL: [Self; 3] = [Self::Quic, Self::WebTransport, Self::SealedUdp];
 
     /// The name used in metrics.
     pub fn name(self) -> &'static str {
         match self {
             Self::Quic => "quic",
+            Self::WebTransport => "webtransport",
+            Self::SealedUdp => "udp",
         }
     }
 }

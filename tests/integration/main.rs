@@ -41,6 +41,7 @@ mod support;
 mod tidy;
 #[cfg(feature = "net")]
 mod top;
+mod transports;
 mod vectors;
 #[cfg(feature = "net")]
 mod watches;

@@ -84,7 +84,7 @@ fn a_stream_joins_what_a_call_has_opened() {
             role: Role::Controller.into(),
             ..Hello::default()
         };
-        let open = OpenSessionRequest { hello: Some(hello) };
+        let open = OpenSessionRequest { hello: Some(hello), transport: 0 };
         let opened = sessions.open_session(open.clone()).await.unwrap().into_inner();
         let welcome = opened.welcome.unwrap();
         assert_eq!(welcome.lease_epoch, 1);

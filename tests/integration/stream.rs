@@ -13,7 +13,7 @@ use super::support::{Rig, command_until, hapticd, next_state, state_where, wait_
 const WALL_N_PER_M: f32 = 1e7;
 
 /// Time-to-live of `scene wall`.
-const TTL_NS: u64 = 100_000_000;
+const TTL_NS: u64 = 200_000_000;
 
 fn touches_wall(state: &State) -> bool {
     state.contact_id == [1]

@@ -21,6 +21,7 @@ const LAYERS: &[&str] = &[
     "actuation",
     "wire",
     "impairment",
+    "sealed",
     "link",
     "control",
     "session",
@@ -62,6 +63,7 @@ const PURE: &[&str] = &[
     "actuation",
     "wire",
     "impairment",
+    "sealed",
     "control",
     "session",
     "explain",
@@ -79,6 +81,7 @@ const NETWORK: &[&str] = &[
     "tonic_health",
     "tonic_prost",
     "tonic_reflection",
+    "web_transport_quinn",
 ];
 const NETWORK_MODULES: &[&str] = &["proto", "quic", "net", "client", "app", "cli"];
 

@@ -39,7 +39,10 @@ fn ping_compares_with_a_bare_echo_of_the_same_run() {
     let base = ["ping", &connect, "--baseline", "--seconds", "0.5", "--rate", "1000"];
     let json = run(&[&base[..], &["--json"]].concat()).ok().stdout;
     let json: Value = serde_json::from_str(&json).unwrap();
-    assert!(json["quic_ratio"].as_f64().unwrap() > 0.0, "{json}");
-    assert!(json["rounds"].as_u64().unwrap() >= 3, "{json}");
-    assert!(run(&base).ok().stdout.contains("bare QUIC echo"));
+    for transport in ["quic", "webtransport", "udp"] {
+        assert!(json[format!("{transport}_ratio")].as_f64().unwrap() > 0.0, "{json}");
+        assert!(json[transport]["rounds"].as_u64().unwrap() >= 3, "{json}");
+    }
+    let one = run(&[&base[..], &["--transport", "udp"]].concat()).ok().stdout;
+    assert!(one.contains("bare echo") && !one.contains("quic"), "{one}");
 }

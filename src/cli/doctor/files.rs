@@ -93,6 +93,7 @@ mod tests {
         let config = ServerConfig {
             grpc_port: taken.local_addr().unwrap().port(),
             stream_port: 0,
+            udp_port: 0,
             http_port: 0,
             state_dir: Some(directory.path().to_owned()),
             ..ServerConfig::default()

@@ -1,11 +1,10 @@
 //! SessionService: who is connected to the stream, and who commands.
 
-use rustls::crypto::SecureRandom;
 use tonic::{Request, Response, Status};
 
 use super::{field_status, names};
 use crate::host::Hosts;
-use crate::net::SessionDesk;
+use crate::net::{SealedUdpOffer, SessionDesk};
 use crate::proto::session_service_server::SessionService;
 use crate::proto::{
     self, AcquireLeaseRequest, ByeReason, CloseSessionRequest, CloseSessionResponse, Lease,
@@ -22,13 +21,12 @@ use crate::units::FieldError;
 pub struct SessionCallsService {
     desk: SessionDesk,
     hosts: Hosts,
-    random: &'static dyn SecureRandom,
 }
 
 impl SessionCallsService {
     /// Of the stream behind this desk.
     pub fn new(desk: SessionDesk, hosts: Hosts) -> Self {
-        Self { desk, hosts, random: quic::provider().secure_random }
+        Self { desk, hosts }
     }
 
     async fn ask<T: Send + 'static>(
@@ -38,13 +36,13 @@ impl SessionCallsService {
         let ended = || Status::unavailable("the stream has ended");
         self.desk.ask(question).await.ok_or_else(ended)
     }
+}
 
-    fn ticket(&self) -> Result<Ticket, Status> {
-        let mut ticket = Ticket::default();
-        let none = |_| Status::internal("the system gave no random bytes");
-        self.random.fill(&mut ticket).map_err(none)?;
-        Ok(ticket)
-    }
+/// Bytes that nobody can guess.
+fn random<const N: usize>() -> Result<[u8; N], Status> {
+    let mut bytes = [0; N];
+    quic::fill_random(&mut bytes).map_err(|none| Status::internal(none.to_string()))?;
+    Ok(bytes)
 }
 
 #[tonic::async_trait]
@@ -73,17 +71,31 @@ impl SessionService for SessionCallsService {
         request: Request<OpenSessionRequest>,
     ) -> Result<Response<OpenSessionResponse>, Status> {
         let missing = || field_status(&FieldError::new("hello", "(none)", "is required"));
-        let hello = request.into_inner().hello.ok_or_else(missing)?;
+        let request = request.into_inner();
+        let sealed = wants_sealed(request.transport)?;
+        let hello = request.hello.ok_or_else(missing)?;
         if !hello.ticket.is_empty() {
             let set = FieldError::new("hello.ticket", "(set)", "must be empty: it is the answer");
             return Err(field_status(&set));
         }
-        let ticket = self.ticket()?;
-        let opened = self.ask(move |board, now_ns| board.open(&hello, ticket, now_ns)).await?;
+        let ticket: Ticket = random()?;
+        let offer = || {
+            let (association, secret) = (random()?, random()?);
+            Ok::<_, Status>(SealedUdpOffer { association, secret, ticket })
+        };
+        let offer = sealed.then(offer).transpose()?;
+        let ended = || Status::unavailable("the stream has ended");
+        let opened = self.desk.open(hello, ticket, offer).await.ok_or_else(ended)?;
         let welcome = opened.map_err(|refusal| call_status(&refusal))?;
         tracing::info!(session = welcome.session, device = welcome.device, "opened by a call");
+        let port = self.desk.udp_port().into();
+        let sealed_udp = offer.map(|SealedUdpOffer { association, secret, .. }| proto::SealedUdp {
+            port,
+            association: association.to_vec(),
+            secret: secret.to_vec(),
+        });
         let (welcome, ticket) = (Some(welcome), ticket.to_vec());
-        Ok(Response::new(OpenSessionResponse { welcome, ticket }))
+        Ok(Response::new(OpenSessionResponse { welcome, ticket, sealed_udp }))
     }
 
     async fn close_session(
@@ -114,6 +126,17 @@ impl SessionService for SessionCallsService {
         let id = session_id(&request.get_ref().name)?;
         let lease = self.ask(move |board, now_ns| board.release_lease(id, now_ns)).await?;
         told("lease released", lease)
+    }
+}
+
+fn wants_sealed(transport: i32) -> Result<bool, Status> {
+    match proto::Transport::try_from(transport) {
+        Ok(proto::Transport::Unspecified) => Ok(false),
+        Ok(proto::Transport::SealedUdp) => Ok(true),
+        Err(_) => {
+            let allowed = "must be TRANSPORT_UNSPECIFIED (0) or TRANSPORT_SEALED_UDP (1)";
+            Err(field_status(&FieldError::new("transport", transport, allowed)))
+        }
     }
 }
 

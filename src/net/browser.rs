@@ -1,0 +1,179 @@
+//! Certificates for browsers, which take one by its hash alone if it lives two weeks at most
+//! (W3C WebTransport, `serverCertificateHashes`: ECDSA P-256, 14 days).
+//!
+//! Time is cut into slots. The certificate of a slot is valid from a day before it, for 13 days;
+//! it is shown during its slot, and its hash is published during the slot before, too. So a page
+//! that was told the hashes of two slots connects for six days at least, whatever the time of
+//! day, and a clock may be wrong by a day. Both are kept in the state directory.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use rcgen::{CertificateParams, KeyPair, PKCS_ECDSA_P256_SHA256};
+use rustls::server::{ClientHello, ResolvesServerCert};
+use rustls::sign::CertifiedKey;
+use time::{Duration, OffsetDateTime};
+
+use super::identity::{IdentityError, from_pem, keep};
+use crate::quic::{self, PINNED_NAME};
+
+const SLOT_S: i64 = 6 * 86_400;
+
+/// Before its slot begins a certificate is valid already.
+const EARLY_S: i64 = 86_400;
+
+/// From its first day to its last.
+const VALID_S: i64 = 13 * 86_400;
+
+// Short enough for a browser, and with a day for clocks at the end, too.
+const _: () = assert!(VALID_S <= 14 * 86_400 && EARLY_S + SLOT_S + 86_400 <= VALID_S);
+
+/// SHA-256 of the certificate that browsers see now, and of the next one.
+pub type PublishedHashes = [[u8; 32]; 2];
+
+/// The certificates of this slot and the next.
+#[derive(Debug)]
+pub struct BrowserIdentity {
+    state_dir: PathBuf,
+    held: Mutex<Held>,
+}
+
+#[derive(Clone, Debug)]
+struct Held {
+    slot: i64,
+    keys: [Arc<CertifiedKey>; 2],
+}
+
+impl BrowserIdentity {
+    /// Those kept in `state_dir`, made and kept there where there are none for now.
+    pub fn load_or_create(state_dir: &Path) -> Result<Self, IdentityError> {
+        let slot = slot_of(now_s());
+        let held = Mutex::new(hold(state_dir, slot)?);
+        Ok(Self { state_dir: state_dir.to_owned(), held })
+    }
+
+    /// What pages may be told.
+    pub fn hashes(&self) -> PublishedHashes {
+        self.current().keys.map(|key| quic::fingerprint(&key.cert[0]))
+    }
+
+    /// A new slot brings a new certificate. Where it cannot be kept the old ones stay.
+    fn current(&self) -> Held {
+        let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
+        let slot = slot_of(now_s());
+        if held.slot != slot {
+            match hold(&self.state_dir, slot) {
+                Ok(renewed) => *held = renewed,
+                Err(error) => tracing::error!(%error, "no new certificate for browsers"),
+            }
+        }
+        held.clone()
+    }
+}
+
+/// The certificate that a handshake gets: browsers theirs, all others the server's own.
+#[derive(Debug)]
+pub(super) struct ByProtocol {
+    pub own: Arc<CertifiedKey>,
+    pub browser: Arc<BrowserIdentity>,
+}
+
+impl ResolvesServerCert for ByProtocol {
+    fn resolve(&self, hello: ClientHello<'_>) -> Option<Arc<CertifiedKey>> {
+        let webtransport = quic::alpn_webtransport();
+        let http = hello.alpn().is_some_and(|mut offers| offers.any(|offer| offer == webtransport));
+        if http && hello.server_name() != Some(PINNED_NAME) {
+            let [now, _] = self.browser.current().keys;
+            return Some(now);
+        }
+        Some(Arc::clone(&self.own))
+    }
+}
+
+fn now_s() -> i64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH);
+    since.map_or(0, |since| i64::try_from(since.as_secs()).unwrap_or(i64::MAX))
+}
+
+fn slot_of(now_s: i64) -> i64 {
+    now_s.div_euclid(SLOT_S)
+}
+
+fn hold(state_dir: &Path, slot: i64) -> Result<Held, IdentityError> {
+    let keys = [load(state_dir, slot)?, load(state_dir, slot + 1)?];
+    for old in fs::read_dir(state_dir).into_iter().flatten().flatten() {
+        let number = old.file_name().to_str().and_then(slot_in);
+        if number.is_some_and(|number| number < slot) {
+            // One more file to look at next time.
+            let _ = fs::remove_file(old.path());
+        }
+    }
+    Ok(Held { slot, keys })
+}
+
+fn file_name(slot: i64) -> String {
+    format!("browser-{slot}.pem")
+}
+
+fn slot_in(name: &str) -> Option<i64> {
+    name.strip_prefix("browser-")?.strip_suffix(".pem")?.parse().ok()
+}
+
+fn load(state_dir: &Path, slot: i64) -> Result<Arc<CertifiedKey>, IdentityError> {
+    let path = state_dir.join(file_name(slot));
+    let pem = match fs::read(&path) {
+        Ok(pem) => pem,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            let pem = generate(slot)?;
+            keep(state_dir, &path, &pem)
+                .map_err(|source| IdentityError::File { path: path.clone(), source })?;
+            pem.into_bytes()
+        }
+        Err(source) => return Err(IdentityError::File { path, source }),
+    };
+    Ok(Arc::new(from_pem(&path, &pem)?.certified()?))
+}
+
+fn generate(slot: i64) -> Result<String, rcgen::Error> {
+    let key = KeyPair::generate_for(&PKCS_ECDSA_P256_SHA256)?;
+    let mut params = CertificateParams::new(vec!["localhost".to_owned()])?;
+    let begin_s = slot * SLOT_S - EARLY_S;
+    params.not_before = OffsetDateTime::UNIX_EPOCH + Duration::seconds(begin_s);
+    params.not_after = params.not_before + Duration::seconds(VALID_S);
+    let certificate = params.self_signed(&key)?;
+    Ok(format!("{}{}", certificate.pem(), key.serialize_pem()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rustls::pki_types::CertificateDer;
+    use rustls::pki_types::pem::PemObject;
+
+    #[test]
+    fn two_certificates_overlap_and_are_kept() {
+        let dir = tempfile::tempdir().unwrap();
+        let first = BrowserIdentity::load_or_create(dir.path()).unwrap().hashes();
+        assert_eq!(BrowserIdentity::load_or_create(dir.path()).unwrap().hashes(), first);
+        assert_ne!(first[0], first[1]);
+        let slot = slot_of(now_s());
+        let next = hold(dir.path(), slot + 1).unwrap();
+        assert_eq!(quic::fingerprint(&next.keys[0].cert[0]), first[1], "what was promised");
+        assert!(!dir.path().join(file_name(slot)).exists(), "the old one is gone");
+        let pem = fs::read(dir.path().join(file_name(slot + 1))).unwrap();
+        let kept = CertificateDer::from_pem_slice(&pem).unwrap();
+        assert_eq!(quic::fingerprint(&kept), first[1]);
+    }
+
+    #[test]
+    fn a_broken_file_is_named_and_left_alone() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join(file_name(slot_of(now_s())));
+        fs::write(&path, "rubbish").unwrap();
+        let error = BrowserIdentity::load_or_create(dir.path()).unwrap_err().to_string();
+        assert!(error.contains("browser-") && error.contains("no certificate"), "{error}");
+        assert_eq!(fs::read_to_string(&path).unwrap(), "rubbish");
+    }
+}
