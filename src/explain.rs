@@ -67,6 +67,8 @@ pub enum Reason {
     TorqueLimit,
     /// Motors would feed what surfaces ask: it is softened to what they can hold.
     Softened,
+    /// The controller's force has fed the handle as much as it may.
+    HeldBack,
     /// The device was enabled, or the gain or limit raised, a moment ago.
     Activation,
     /// A soft force is still growing as fast as it may.
@@ -192,6 +194,7 @@ fn reasons(report: &Report, circumstances: &Circumstances) -> Vec<Reason> {
         (Reason::DeviceRange, limited(Limit::Force) && by_range),
         (Reason::TorqueLimit, limited(Limit::Torque)),
         (Reason::Softened, limited(Limit::Stiffness)),
+        (Reason::HeldBack, limited(Limit::Passivity)),
         (Reason::Activation, limited(Limit::Activation) && asked),
         (Reason::Slew, limited(Limit::Slew)),
         (Reason::TooManyContacts, limited(Limit::Constraints)),
@@ -249,6 +252,10 @@ fn sentence(reason: Reason, report: &Report, circumstances: &Circumstances) -> S
         (Reason::DeviceRange, _, Some(range_N), _) => format!(
             "{asked_N:.1} N are asked, more than the {range_N:.1} N that the device has here in that direction."
         ),
+        (Reason::HeldBack, ..) if report.force_error_N.is_some() => format!(
+            "The controller's force has fed the handle more energy than the hand put into it, and its reserve is used up: part of it along the motion is held back, {:.1} N are missing. A force computed from where the handle was does this; holding still, or working against it, pays back.",
+            report.force_error_N.unwrap_or_default()
+        ),
         (Reason::Gain, ..) => {
             let share = circumstances.force_gain * 100.0;
             format!("The force gain takes {share:.0} % of what is asked.")
@@ -302,6 +309,9 @@ fn always(reason: Reason) -> &'static str {
         }
         Reason::Activation => {
             "The device was enabled, or the gain or limit raised, a moment ago: the force still grows."
+        }
+        Reason::HeldBack => {
+            "The controller's force has fed the handle more energy than it may: part of it along the motion is held back."
         }
         Reason::Slew => "A soft force is still growing, as fast as the slew limit lets it.",
         Reason::TooManyContacts => {

@@ -150,6 +150,10 @@ pub const GAIN: Range = Range::new(0.0, 1.0, "(share)");
 pub const SLEW: Range = Range::new(1.0, 1e9, "N/s");
 /// Time in which a force fades or grows.
 pub const RAMP: Range = Range::new(0.0, 10_000.0, "ms");
+/// Energy that a controller may feed through motors beyond what is put into it.
+pub const PASSIVITY_RESERVE: Range = Range::new(0.001, 1000.0, "J");
+/// What it may feed always.
+pub const PASSIVITY_POWER: Range = Range::new(0.0, 1000.0, "W");
 /// Disagreement of redundant encoders.
 pub const CLOSURE: Range = Range::new(1e-4, std::f64::consts::PI, "rad");
 /// Ticks in a row without a sample, while the brakes hold what they held.

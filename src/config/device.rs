@@ -430,6 +430,16 @@ mod tests {
             ("strategy = \"auto\"", "strategy = \"magic\"", "control.strategy = \"magic\""),
             ("max_overruns = 100", "max_overruns = 0", "control.max_overruns = 0"),
             ("stale_ramp_ms = 50", "stale_ramp_ms = inf", "control.stale_ramp_ms = inf"),
+            (
+                "passivity_reserve_J = 0.3",
+                "passivity_reserve_J = 0",
+                "control.passivity_reserve_J = 0: must be a number in 0.001 to 1000 J",
+            ),
+            (
+                "passivity_power_W = 0.02",
+                "passivity_power_W = nan",
+                "control.passivity_power_W = NaN: must be a number in 0 to 1000 W",
+            ),
             ("kind = \"absolute\"", "kind = \"relative\"", "encoders.kind = \"relative\""),
             (
                 "kind = \"absolute\"",

@@ -35,6 +35,8 @@ pub enum Setting {
     ActivationRamp_ms(f64),
     Slew_N_per_s(f64),
     StaleRamp_ms(f64),
+    PassivityReserve_J(f64),
+    PassivityPower_W(f64),
     ClosureLimit_rad(f64),
     StopCapacity_Nm(f64),
     MaxOverruns(i64),
@@ -85,6 +87,12 @@ impl Settings {
                 guards.slew_N_per_s = units::SLEW.check(field, value)?
             }
             Setting::StaleRamp_ms(value) => guards.stale_ramp_ns = ns(field, value)?,
+            Setting::PassivityReserve_J(value) => {
+                guards.passivity_reserve_J = units::PASSIVITY_RESERVE.check(field, value)?;
+            }
+            Setting::PassivityPower_W(value) => {
+                guards.passivity_power_W = units::PASSIVITY_POWER.check(field, value)?;
+            }
             Setting::ClosureLimit_rad(value) => {
                 guards.closure_limit_rad = units::CLOSURE.check(field, value)?;
             }
@@ -164,6 +172,9 @@ mod tests {
             (Setting::ActivationRamp_ms(-1.0), "x = -1: must be a number in 0 to 10000 ms"),
             (Setting::Slew_N_per_s(0.5), "x = 0.5"),
             (Setting::StaleRamp_ms(f64::INFINITY), "x = inf"),
+            (Setting::PassivityReserve_J(0.0), "x = 0: must be a number in 0.001 to 1000 J"),
+            (Setting::PassivityReserve_J(f64::INFINITY), "x = inf"),
+            (Setting::PassivityPower_W(-0.01), "x = -0.01: must be a number in 0 to 1000 W"),
             (Setting::ClosureLimit_rad(4.0), "x = 4"),
             (Setting::StopCapacity_Nm(-0.1), "N m"),
             (Setting::MaxOverruns(0), "1 to 1000000 ticks"),

@@ -26,7 +26,7 @@ const LEAST_IN_PLANE: f64 = 1e-3;
 const UNKNOWN_LOAD_N: f64 = 10.0;
 
 /// Less than this is not missed: newtons and newton metres.
-const UNFELT: f64 = 1e-6;
+pub const UNFELT: f64 = 1e-6;
 
 /// What is asked of the actuators in one tick, in B at H.
 #[derive(Clone, Copy, Debug, Default)]
@@ -37,6 +37,8 @@ pub struct Request {
     count: usize,
     /// The raw request in W, about T.
     pub raw: Wrench,
+    /// What of `soft_BH_N` the controller asks without a surface.
+    pub controller_soft_BH_N: PlaneVector,
     /// Sum of what the controller asks after clipping; a fading command starts from it.
     pub controller_N: f64,
     /// Each surface, as far as it is known before the actuators are asked.
@@ -96,9 +98,10 @@ impl Request {
         request.limits.set(Limit::Force, clipped);
         request.limits.set(Limit::Constraints, crowded || desired.left_out > 0);
         // Clipped by itself as walls are, so that the sum of what is asked is a true one.
-        let (size_N, clip) = asking.controller_soft();
+        let (planar, clip) = asking.controller_soft();
         request.limits.set(Limit::Force, clip < 1.0);
-        request.controller_N = size_N * clip * share;
+        request.controller_soft_BH_N = planar * (clip * share);
+        request.controller_N = asking.size_N(&request.controller_soft_BH_N);
         let soft_W_N = desired.soft_W_N * gain + force_N * (clip * share);
         request.add_soft(&soft_W_N, &Vector3::zeros(), asking);
         for (i, constraint) in desired.constraints().iter().enumerate() {
@@ -218,6 +221,7 @@ impl Request {
 
     fn scale(&mut self, share: f64) {
         self.soft_BH_N *= share;
+        self.controller_soft_BH_N *= share;
         self.walls[..self.count].iter_mut().for_each(|wall| wall.force_N *= share);
         self.controller_N *= share;
         self.loads_N.iter_mut().for_each(|load_N| *load_N *= share);
@@ -285,20 +289,20 @@ impl Asking<'_> {
         let of_controller =
             constraints.filter(|constraint| constraint.source == Source::Controller);
         let walls_N: f64 = of_controller.map(|constraint| self.normal_N(constraint)).sum();
-        let (size_N, clip) = self.controller_soft();
-        let sum_N = walls_N + size_N * clip;
+        let (planar, clip) = self.controller_soft();
+        let sum_N = walls_N + self.size_N(&planar) * clip;
         if sum_N > self.controller_cap_N { self.controller_cap_N / sum_N } else { 1.0 }
     }
 
-    /// Size in the plane of what the controller asks besides surfaces, and the share of it
-    /// that is left after clipping.
-    fn controller_soft(&self) -> (f64, f64) {
+    /// What the controller asks besides surfaces, in the plane, and the share of it that is left
+    /// after clipping.
+    fn controller_soft(&self) -> (PlaneVector, f64) {
         let Wrench { force_N, moment_Nm } = self.wanted();
         let (mut planar, _) = self.planar(&force_N, &Vector3::zeros());
         if self.turns() {
             planar.z += (self.plan.mount.q_WB.inverse() * moment_Nm).z;
         }
-        (self.size_N(&planar), self.most_along(&planar).min(1.0))
+        (planar, self.most_along(&planar).min(1.0))
     }
 
     /// Normal force of a surface after clipping.

@@ -26,11 +26,14 @@ pub enum Limit {
     Activation,
     /// Surfaces were softened: motors would feed the handle if they gave all of their stiffness.
     Stiffness,
+    /// Part of what the controller asks is held back: motors would feed the handle more than they
+    /// may.
+    Passivity,
 }
 
 impl Limit {
     /// Every limit, in the order of its bit.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Torque,
         Self::Force,
         Self::Slew,
@@ -40,6 +43,7 @@ impl Limit {
         Self::Clutch,
         Self::Activation,
         Self::Stiffness,
+        Self::Passivity,
     ];
 
     /// The name used in metrics.
@@ -54,6 +58,7 @@ impl Limit {
             Self::Clutch => "clutch",
             Self::Activation => "activation",
             Self::Stiffness => "stiffness",
+            Self::Passivity => "passivity",
         }
     }
 }

@@ -22,6 +22,7 @@ mod homing;
 mod inputs;
 mod limits;
 mod mode;
+mod passivity;
 mod plan;
 mod report;
 mod sample;

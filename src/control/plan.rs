@@ -82,6 +82,11 @@ pub struct Guards {
     pub slew_N_per_s: f64,
     /// A silent controller's force takes this long to fade.
     pub stale_ramp_ns: u64,
+    /// What the force of a controller may feed to the handle through motors beyond what the hand
+    /// puts into it. Infinite: nobody looks.
+    pub passivity_reserve_J: f64,
+    /// What it may feed always, besides.
+    pub passivity_power_W: f64,
     /// Redundant encoders may disagree by this much.
     pub closure_limit_rad: f64,
     /// What each brake holds while stopped.
@@ -100,6 +105,10 @@ impl Default for Guards {
             activation_ramp_ns: 200_000_000,
             slew_N_per_s: 2_000.0,
             stale_ramp_ns: 50_000_000,
+            // A spring of 240 N/m drawn to 12 N, or 3 N over 10 cm.
+            passivity_reserve_J: 0.3,
+            // 60 mm/s against a drag of 5 N s/m.
+            passivity_power_W: 0.02,
             closure_limit_rad: 0.2,
             stop_capacity_Nm: 0.0,
             max_overruns: 100,

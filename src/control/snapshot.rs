@@ -36,6 +36,7 @@ impl ControlState {
             command,
             before,
             soft_BH_N,
+            account,
             commands,
             last,
             touched,
@@ -47,9 +48,9 @@ impl ControlState {
         (self.authority, self.stuck, self.law) = (*authority, *stuck, *law);
         (self.activation, self.begins, self.used) = (*activation, *begins, *used);
         (self.was_stuck, self.tool, self.command) = (*was_stuck, *tool, *command);
-        (self.before, self.soft_BH_N, self.commands) = (*before, *soft_BH_N, *commands);
-        (self.last, self.touched, self.blind_ticks) = (*last, *touched, *blind_ticks);
-        (self.events, self.times_ns) = (*events, *times_ns);
+        (self.before, self.soft_BH_N, self.account) = (*before, *soft_BH_N, *account);
+        (self.last, self.touched, self.commands) = (*last, *touched, *commands);
+        (self.events, self.times_ns, self.blind_ticks) = (*events, *times_ns, *blind_ticks);
         self.estimator.clone_from(estimator);
         self.contacts.clone_from(contacts);
         let points = tool.as_ref().map_or(0, |(tool, ..)| tool.points().len());

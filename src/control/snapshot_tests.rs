@@ -3,7 +3,7 @@
 use super::*;
 use crate::config::{DeviceDefinition, Scene, build_plan};
 use crate::control::{
-    ControlCommand, ControlReply, Mode, Report, Sample, Setpoint, TickInput, tick,
+    ControlCommand, ControlReply, Limit, Mode, Report, Sample, Setpoint, TickInput, Wrench, tick,
 };
 use crate::device::{Device, HandProgram, SimulatedDevice};
 use crate::environment::{Contact, Element, Material, SceneItem, Shape, Surface};
@@ -125,6 +125,49 @@ fn a_state_that_lost_its_surfaces_goes_another_way() {
         bits(&report) != bits(&world.tick(&mut copy, sample))
     });
     assert!(differs, "surfaces are part of the state");
+}
+
+#[test]
+fn a_state_that_lost_what_was_fed_goes_another_way() {
+    let definition = DeviceDefinition::load("singh").unwrap();
+    let simulation = definition.simulation(HandProgram::default());
+    let mut world = World {
+        device: SimulatedDevice::new(simulation, 3).unwrap(),
+        plan: Box::new(build_plan(&definition, &Scene::default())),
+        setpoint: Setpoint::NONE,
+        now_ns: 0,
+    };
+    let mut state = ControlState::new(Mode::Enabled);
+    let pushed = |world: &mut World, report: &Report| {
+        // Along the motion, wherever it goes.
+        let along = report.v_WT_m_per_s.try_normalize(1e-3).unwrap_or_else(Vector3::x);
+        let wrench = Wrench { force_N: 5.0 * along, ..Wrench::default() };
+        world.setpoint = Setpoint::NONE.with_wrench(wrench);
+        (world.setpoint.epoch, world.setpoint.seq) = (1, 1);
+        world.setpoint.ttl_ns = 1_000_000 * MS;
+    };
+    let mut report = Report::default();
+    while !report.limits.contains(Limit::Passivity) {
+        pushed(&mut world, &report);
+        report = world.step(&mut state);
+        assert!(report.tick < 5_000, "something is held back");
+    }
+    let (copy, mut lost) =
+        (copy_of(&mut state, &mut world.plan), copy_of(&mut state, &mut world.plan));
+    let stored = postcard::to_stdvec(&copy).unwrap();
+    assert_eq!(stored, postcard::to_stdvec(&state).unwrap(), "the copy lacks nothing");
+    let mut restored: ControlState = postcard::from_bytes(&stored).unwrap();
+    lost.account = Default::default();
+    let mut differs = false;
+    for _ in 0..200 {
+        pushed(&mut world, &report);
+        let sample = world.sample();
+        report = world.tick(&mut state, sample);
+        world.device.write(&state.commands).unwrap();
+        assert_eq!(bits(&report), bits(&world.tick(&mut restored, sample)));
+        differs |= bits(&report) != bits(&world.tick(&mut lost, sample));
+    }
+    assert!(differs, "what was fed is part of the state");
 }
 
 #[test]

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::activation::Activation;
 use super::estimate::Estimator;
+use super::passivity::Account;
 use super::stale::{Authority, Before};
 use super::{ActuatorCommands, ContactResult, Event, Fault, Mode, ModeCommand, ModeRefusal};
 use super::{Plan, RELEASED, Report};
@@ -45,6 +46,8 @@ pub struct ControlState {
     /// What was asked in the last tick.
     pub(super) before: Before,
     pub(super) soft_BH_N: PlaneVector,
+    /// What the controller fed to the handle.
+    pub(super) account: Account,
     pub(super) commands: ActuatorCommands,
     pub(super) last: Report,
     pub(super) touched: ([ContactResult; MAX_TOUCHES], usize),
@@ -76,6 +79,7 @@ impl ControlState {
             command: (0, 0),
             before: Before::default(),
             soft_BH_N: PlaneVector::zeros(),
+            account: Account::default(),
             commands: RELEASED,
             last: Report::default(),
             touched: ([ContactResult::default(); MAX_TOUCHES], 0),

@@ -3,8 +3,9 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::activation::Asked;
-use super::desire::{Asking, Request, proxy_W_m};
+use super::desire::{Asking, Request, UNFELT, proxy_W_m};
 use super::estimate::Estimate;
+use super::passivity::Port;
 use super::plan::Tool as ToolPlan;
 use super::stale::Before;
 use super::state::ContactStates;
@@ -113,6 +114,11 @@ fn blind(state: &mut ControlState, input: &TickInput) -> Decision {
         *torque_Nm *= f64::from(u8::from(kind == ActuatorKind::Brake));
     }
     let commands = guard::commands(state.mode, &held_Nm, plan, &mut Limits::default());
+    if state.mode == Mode::Enabled {
+        state.account.unseen();
+    } else {
+        state.account.rest();
+    }
     let last = state.last;
     let mut report = Report {
         tick: state.tick,
@@ -154,7 +160,12 @@ fn render(state: &mut ControlState, estimate: &Estimate, input: &TickInput) -> D
 
     let rendering = state.mode == Mode::Enabled;
     let last_soft_BH_N = if rendering { state.soft_BH_N } else { PlaneVector::zeros() };
-    let soft_BH_N = guard::slewed(&request.soft_BH_N, &last_soft_BH_N, plan, &mut limits);
+    let slewed_BH_N = guard::slewed(&request.soft_BH_N, &last_soft_BH_N, plan, &mut limits);
+    let port = Port { plan, estimate, length_m: capability.moment_length_m };
+    state.account.settle(&port, &state.last);
+    let held_back = state.account.held_back(&port, &slewed_BH_N, &request);
+    limits.set(Limit::Passivity, rendering && held_back.norm() > UNFELT);
+    let soft_BH_N = slewed_BH_N - held_back;
     state.soft_BH_N = soft_BH_N;
     let handle = Handle {
         position: estimate.p_BH,
@@ -176,6 +187,11 @@ fn render(state: &mut ControlState, estimate: &Estimate, input: &TickInput) -> D
     };
     let outcome = allocate(plan.strategy, &capability, &handle, &wanted, &shafts, &mut state.law);
     let commands = guard::commands(state.mode, &outcome.torque_Nm, plan, &mut limits);
+    if rendering {
+        state.account.give(&port, &soft_BH_N, &request, &outcome.wrench);
+    } else {
+        state.account.rest();
+    }
 
     let stuck = watch_stuck(state, estimate, &request, &commands, plan);
     let mut report = sensed(state, estimate, &tool, input);

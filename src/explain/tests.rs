@@ -93,6 +93,7 @@ fn each_way_has_its_first_reason() {
         (with(Limit::Force), range, Reason::DeviceRange),
         (with(Limit::Torque), one(), Reason::TorqueLimit),
         (with(Limit::Stiffness), one(), Reason::Softened),
+        (with(Limit::Passivity), one(), Reason::HeldBack),
         (with(Limit::Activation), one(), Reason::Activation),
         (with(Limit::Slew), one(), Reason::Slew),
         (with(Limit::Constraints), one(), Reason::TooManyContacts),
@@ -126,4 +127,12 @@ fn sentences_carry_the_numbers() {
     assert!(told.contains("wall is 12.3 mm away"), "{told}");
     let told = explain(&free(), &one_at(4.25, true)).summary;
     assert!(told.contains("Out of range") && told.contains("wall is 4.250 m away"), "{told}");
+}
+
+#[test]
+fn what_is_held_back_is_told_with_what_is_missing() {
+    let limits = limited(Limit::Passivity);
+    let told = explain(&Report { limits, force_error_N: Some(2.25), ..felt() }, &one()).summary;
+    assert!(told.contains("more energy than the hand put into it"), "{told}");
+    assert!(told.contains("2.2 N are missing"), "{told}");
 }

@@ -171,6 +171,8 @@ fn check_settings(settings: &Settings) -> Result<(), FieldError> {
         ("activation_ramp_ms", Setting::ActivationRamp_ms(ms(guards.activation_ramp_ns))),
         ("slew_N_per_s", Setting::Slew_N_per_s(guards.slew_N_per_s)),
         ("stale_ramp_ms", Setting::StaleRamp_ms(ms(guards.stale_ramp_ns))),
+        ("passivity_reserve_J", Setting::PassivityReserve_J(guards.passivity_reserve_J)),
+        ("passivity_power_W", Setting::PassivityPower_W(guards.passivity_power_W)),
         ("closure_limit_rad", Setting::ClosureLimit_rad(guards.closure_limit_rad)),
         ("stop_capacity_Nm", Setting::StopCapacity_Nm(guards.stop_capacity_Nm)),
         ("max_overruns", Setting::MaxOverruns(guards.max_overruns.into())),
@@ -248,7 +250,7 @@ mod tests {
         let found = (LAYOUT, plan.exact.len(), state.len(), fnv(&state));
         assert_eq!(
             found,
-            (2, 679, 6177, 0xc500_f919_5ceb_ca21),
+            (3, 695, 6307, 0x4a12_43b9_35bb_74dc),
             "raise LAYOUT, and write here what there is now"
         );
     }

@@ -15,7 +15,7 @@ use crate::proto::{RecordEntry, RecordHeader, RecordPlan, RecordSetpoint, Record
 use crate::proto::{RecordReport, RecordTick};
 
 /// Of the entries and of what serde stores in them; changes when either does.
-pub const LAYOUT: u32 = 2;
+pub const LAYOUT: u32 = 3;
 
 const MAGIC: &str = "hapticd recording";
 const VERSION: &str = env!("CARGO_PKG_VERSION");

@@ -1,6 +1,7 @@
 //! A run in virtual time, recorded as a server does, read, replayed, broken and compared.
 
 mod comparison;
+mod fed;
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel, sync_channel};
@@ -43,7 +44,11 @@ struct World {
 
 impl World {
     fn new(sensor: bool, keep_ns: u64) -> Self {
-        let mut definition = DeviceDefinition::load("cho-2005").unwrap();
+        Self::of("cho-2005", sensor, keep_ns)
+    }
+
+    fn of(device: &str, sensor: bool, keep_ns: u64) -> Self {
+        let mut definition = DeviceDefinition::load(device).unwrap();
         if !sensor {
             definition.force_sensor = None;
         }
@@ -115,7 +120,10 @@ impl World {
         let shape =
             Shape::HalfSpace { point_W_m: Vector3::new(x_m, 0.0, 0.0), normal_W: -Vector3::x() };
         let surface = Surface { shape, material, hollow: false, blend_s: 0.0 };
-        let mut next = Setpoint::NONE.with_contacts(&[Contact { id: 1, revision: 1, surface }]);
+        self.send(Setpoint::NONE.with_contacts(&[Contact { id: 1, revision: 1, surface }]));
+    }
+
+    fn send(&mut self, mut next: Setpoint) {
         (next.epoch, next.seq, next.number) = (1, self.setpoint.seq + 1, self.setpoint.number + 1);
         (next.received_ns, next.ttl_ns) = (self.now_ns, 20 * MS);
         let _ = self.setpoints.push(next);
@@ -519,6 +527,8 @@ fn a_plan_that_would_break_a_tick_is_refused() {
     told(|plan| plan.actuators.lag_s[2] = f64::INFINITY, "lag_s = inf");
     told(|plan| plan.guards.force_gain = f64::NAN, "force_gain = NaN");
     told(|plan| plan.guards.stale_ramp_ns = u64::MAX, "stale_ramp_ms");
+    told(|plan| plan.guards.passivity_reserve_J = f64::INFINITY, "passivity_reserve_J = inf");
+    told(|plan| plan.guards.passivity_power_W = -1.0, "passivity_power_W = -1");
     told(|plan| plan.guards.max_device_errors = u32::MAX, "max_device_errors");
     told(|plan| plan.tool.point_count = 9, "tool.point_count = 9");
     told(|plan| plan.mount.p_WB_m.x = f64::NAN, "mount.position_m[0] = NaN");

@@ -82,6 +82,7 @@ impl From<Limit> for proto::Limit {
             Limit::Clutch => Self::Clutch,
             Limit::Activation => Self::Activation,
             Limit::Stiffness => Self::Stiffness,
+            Limit::Passivity => Self::Passivity,
         }
     }
 }

@@ -149,6 +149,7 @@ impl From<Reason> for proto::Reason {
             Reason::DeviceRange => Self::DeviceRange,
             Reason::TorqueLimit => Self::TorqueLimit,
             Reason::Softened => Self::Softened,
+            Reason::HeldBack => Self::HeldBack,
             Reason::Activation => Self::Activation,
             Reason::Slew => Self::Slew,
             Reason::TooManyContacts => Self::TooManyContacts,

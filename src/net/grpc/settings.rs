@@ -16,7 +16,7 @@ use crate::proto;
 use crate::units::FieldError;
 
 /// All that a mask can name, leaf by leaf.
-const LEAVES: [&str; 15] = [
+const LEAVES: [&str; 17] = [
     "strategy",
     "force_limit_n",
     "force_gain",
@@ -28,6 +28,8 @@ const LEAVES: [&str; 15] = [
     "tool.points_m",
     "guards.slew_n_per_s",
     "guards.stale_ramp_ms",
+    "guards.passivity_reserve_j",
+    "guards.passivity_power_w",
     "guards.closure_limit_rad",
     "guards.stop_capacity_nm",
     "guards.max_overruns",
@@ -131,6 +133,8 @@ fn apply(settings: &mut Settings, leaf: &str, wanted: &proto::Settings) -> Resul
         }
         "guards.slew_n_per_s" => Setting::Slew_N_per_s(guards()?.slew_n_per_s),
         "guards.stale_ramp_ms" => Setting::StaleRamp_ms(guards()?.stale_ramp_ms),
+        "guards.passivity_reserve_j" => Setting::PassivityReserve_J(guards()?.passivity_reserve_j),
+        "guards.passivity_power_w" => Setting::PassivityPower_W(guards()?.passivity_power_w),
         "guards.closure_limit_rad" => Setting::ClosureLimit_rad(guards()?.closure_limit_rad),
         "guards.stop_capacity_nm" => Setting::StopCapacity_Nm(guards()?.stop_capacity_nm),
         "guards.max_overruns" => Setting::MaxOverruns(guards()?.max_overruns.into()),
@@ -175,6 +179,8 @@ fn to_proto(host: &DeviceHost, in_force: &SettingsInForce) -> proto::Settings {
         guards: Some(proto::GuardSettings {
             slew_n_per_s: guards.slew_N_per_s,
             stale_ramp_ms: ms(guards.stale_ramp_ns),
+            passivity_reserve_j: guards.passivity_reserve_J,
+            passivity_power_w: guards.passivity_power_W,
             closure_limit_rad: guards.closure_limit_rad,
             stop_capacity_nm: guards.stop_capacity_Nm,
             max_overruns: guards.max_overruns,
@@ -191,7 +197,7 @@ mod tests {
     fn a_path_means_its_leaves_and_nothing_that_only_begins_like_it() {
         let named = |path: &str| leaves(&[path.to_owned()]);
         assert_eq!(named("tool").unwrap(), ["tool.offset_m", "tool.radius_m", "tool.points_m"]);
-        assert_eq!(named("guards").unwrap().len(), 6);
+        assert_eq!(named("guards").unwrap().len(), 8);
         for leaf in LEAVES {
             assert_eq!(named(leaf).unwrap(), [leaf]);
         }
