@@ -19,7 +19,7 @@ use crate::config::{
     load_devices,
 };
 use crate::host::Hosts;
-use crate::net::{self, Access, BrowserIdentity, Identity, StreamHandle, StreamParts};
+use crate::net::{self, Access, BrowserIdentity, HttpParts, Identity, StreamHandle, StreamParts};
 use crate::rt::{self, Processor, Realtime, RtConfig};
 use crate::session::SessionConfig;
 use crate::telemetry::Telemetry;
@@ -69,14 +69,15 @@ impl Daemon {
             connected.push(device);
             streamed.push(stream);
         }
+        let access = access(config);
         let udp_port = sockets.sealed.local_addr()?.port();
         let (sessions, calls) = net::session_calls(udp_port);
         let stream = net::spawn_stream(StreamParts {
             socket: sockets.stream,
             sealed: sockets.sealed,
             identity,
-            browser,
-            access: Access { names: config.names.clone(), origins: config.origins.clone() },
+            browser: Arc::clone(&browser),
+            access: access.clone(),
             devices: streamed,
             calls,
             on_start: raise_stream(config.rt_priority),
@@ -94,7 +95,14 @@ impl Daemon {
             udp_port: (udp_port != DEFAULT_UDP_PORT).then_some(udp_port),
         };
         let hosts = devices.iter().map(|device| device.host().clone()).collect();
-        services.serve(telemetry.scrape(), &Hosts::new(hosts), sessions, Arc::clone(&archive));
+        let http = HttpParts {
+            scrape: telemetry.scrape(),
+            hosts: Hosts::new(hosts),
+            browser,
+            stream_port: stream.address.port(),
+            access,
+        };
+        services.serve(http, sessions, Arc::clone(&archive));
         let (_archive, _state_dir) = (archive, state_dir);
         Ok(Self {
             stream,
@@ -168,6 +176,13 @@ impl Ready {
         let archive = Arc::new(Archive::open(state_dir.path())?);
         Ok(Self { devices, state_dir, identity, browser, archive, sockets })
     }
+}
+
+/// The machine's own name is one of the server's.
+fn access(config: &ServerConfig) -> Access {
+    let own = rustix::system::uname().nodename().to_string_lossy().into_owned();
+    let names = config.names.iter().cloned().chain([format!("{own}.local"), own]).collect();
+    Access { names, origins: config.origins.clone() }
 }
 
 /// A force waits for the stream thread too. Always below the loop, above everything ordinary;

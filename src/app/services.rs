@@ -11,9 +11,7 @@ use tokio::task::JoinHandle;
 
 use super::Signals;
 use crate::archive::Archive;
-use crate::host::Hosts;
-use crate::net::{self, Door, SessionDesk};
-use crate::telemetry::Scrape;
+use crate::net::{self, Door, HttpParts, SessionDesk};
 
 /// Time for open calls to be answered when the daemon stops.
 const FAREWELL: Duration = Duration::from_millis(500);
@@ -54,26 +52,20 @@ impl Services {
     }
 
     /// Begins to serve.
-    pub fn serve(
-        &mut self,
-        scrape: Scrape,
-        hosts: &Hosts,
-        sessions: SessionDesk,
-        archive: Arc<Archive>,
-    ) {
+    pub fn serve(&mut self, http_parts: HttpParts, sessions: SessionDesk, archive: Arc<Archive>) {
         let (Some(runtime), Some((grpc, http))) = (&self.runtime, self.doors.take()) else {
             return;
         };
         let stopped = self.shutdown.subscribe();
         let http_port = http.port();
-        let (hosts, ending) = (hosts.clone(), stopped.clone());
-        let serving = net::serve_grpc(grpc, http_port, hosts.clone(), sessions, archive, ending);
+        let (scrape, hosts) = (http_parts.scrape.clone(), http_parts.hosts.clone());
+        let serving = net::serve_grpc(grpc, http_port, hosts, sessions, archive, stopped.clone());
         self.serving.push(runtime.spawn(async move {
             if let Err(error) = serving.await {
                 tracing::error!(%error, "the services stopped");
             }
         }));
-        let serving = net::serve_http(http, scrape.clone(), hosts.clone(), stopped);
+        let serving = net::serve_http(http, http_parts, stopped);
         self.serving.push(runtime.spawn(async move {
             if let Err(error) = serving.await {
                 tracing::error!(%error, "HTTP stopped");

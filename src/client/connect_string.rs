@@ -8,6 +8,8 @@ use std::fmt;
 use std::net::IpAddr;
 use std::str::FromStr;
 
+use crate::quic::hex;
+
 /// UDP port of the stream.
 pub const DEFAULT_STREAM_PORT: u16 = 7351;
 /// TCP port of the services.
@@ -137,11 +139,6 @@ impl FromStr for ConnectString {
 fn port_of(what: &str, text: &str) -> Result<u16, String> {
     let port = text.parse().ok().filter(|port| *port != 0);
     port.ok_or_else(|| format!("{what} = {text}: must be a port, 1 to 65535"))
-}
-
-/// Lower-case hexadecimal digits.
-pub(crate) fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 fn unhex(text: &str) -> Option<[u8; 32]> {

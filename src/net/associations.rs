@@ -337,15 +337,16 @@ mod tests {
         let (table, sealer, opener) = &mut all;
         table.join(ID, session());
         assert!(table.say(session(), b"Welcome"));
-        for _ in 0..3 {
-            assert_eq!(table.due(0).len() + table.due(50 * MS).len(), 2);
+        for again in 0..3 {
+            assert_eq!(table.due(again * 50 * MS).len(), 1);
+            assert_eq!(table.due(again * 50 * MS + 49 * MS).len(), 0);
         }
-        let mut said = table.due(100 * MS).pop().unwrap().0;
+        let mut said = table.due(150 * MS).pop().unwrap().0;
         let (kind, body) = opener.open(&mut said).unwrap();
         assert_eq!((kind, &body[4..]), (Kind::Message, &b"Welcome"[..]));
         let taken = sealer.seal(Kind::Taken, &body[..4]).unwrap();
         assert_eq!(hear(table, &taken, at(1), 0), Heard::Nothing);
-        assert_eq!(table.due(200 * MS), []);
+        assert_eq!(table.due(400 * MS), []);
         let mut client = Messages::default();
         client.say(b"Bye");
         let body = client.due(0).next().unwrap().to_vec();

@@ -22,9 +22,11 @@ use crate::wire::{FrameDecoder, encode_frame};
 /// Messages that may wait on a reliable stream; a client that reads nothing loses it.
 const WAITING_MESSAGES: usize = 256;
 
-/// Time for a message to be taken by a client that is slow to read, and for the request that
-/// makes a WebTransport session.
+/// Time for a message to be taken by a client that is slow to read.
 const PATIENCE: Duration = Duration::from_secs(1);
+
+/// Time for the request that makes a WebTransport session.
+const REQUEST: Duration = Duration::from_secs(5);
 
 /// Time for a Bye to reach its client before the connection is closed.
 pub(super) const FAREWELL: Duration = Duration::from_millis(250);
@@ -62,7 +64,7 @@ async fn begin(connection: Connection, access: &Access) -> Option<(Session, Tran
         return Some((Session::raw(connection), Transport::Quic));
     }
     let ip = connection.remote_address().ip();
-    let accepted = tokio::time::timeout(PATIENCE, accept(connection, ip, access)).await;
+    let accepted = tokio::time::timeout(REQUEST, accept(connection, ip, access)).await;
     Some((accepted.ok()??, Transport::WebTransport))
 }
 

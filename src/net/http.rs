@@ -1,27 +1,51 @@
-//! Plain HTTP: `/metrics` for Prometheus and `/healthz`.
+//! Plain HTTP: `/metrics` for Prometheus, `/healthz`, and `/certificate-hashes` for pages that open
+//! WebTransport.
 
 use std::sync::Arc;
 
 use axum::Router;
-use axum::http::{StatusCode, header};
-use axum::response::IntoResponse;
+use axum::extract::Request;
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::middleware::{Next, from_fn};
+use axum::response::{IntoResponse, Response};
 use axum::routing::get;
+use serde_json::json;
 use tokio::sync::watch;
 
-use super::Door;
+use super::{Access, BrowserIdentity, Door};
 use crate::host::{DeviceHost, Hosts};
+use crate::quic::{WEBTRANSPORT_PATH, hex};
 use crate::telemetry::Scrape;
 
 /// Prometheus' text format.
 const TEXT_FORMAT: &str = "text/plain; version=0.0.4; charset=utf-8";
 
+/// JSON, new each time: a page that holds on to an old hash does not connect.
+const JSON: [(header::HeaderName, &str); 2] =
+    [(header::CONTENT_TYPE, "application/json"), (header::CACHE_CONTROL, "no-store")];
+
+/// What pages can be told.
+#[derive(Clone, Debug)]
+pub struct HttpParts {
+    /// The metrics.
+    pub scrape: Scrape,
+    /// The devices.
+    pub hosts: Hosts,
+    /// Whose hashes are published.
+    pub browser: Arc<BrowserIdentity>,
+    /// Where WebTransport is.
+    pub stream_port: u16,
+    /// Whose pages may ask.
+    pub access: Access,
+}
+
 /// Serves until `stopped` is true or its sender gone.
 pub async fn serve(
     door: Door,
-    scrape: Scrape,
-    hosts: Hosts,
+    parts: HttpParts,
     mut stopped: watch::Receiver<bool>,
 ) -> std::io::Result<()> {
+    let HttpParts { scrape, hosts, browser, stream_port, access } = parts;
     let metrics = move || {
         let scrape = scrape.clone();
         async move { ([(header::CONTENT_TYPE, TEXT_FORMAT)], scrape.render()) }
@@ -30,11 +54,49 @@ pub async fn serve(
         let hosts = hosts.clone();
         async move { health(&hosts) }
     };
-    let router = Router::new().route("/metrics", get(metrics)).route("/healthz", get(health));
+    let hashes = move || {
+        let said = hashes(&browser, stream_port);
+        async move { (JSON, said) }
+    };
+    let access = Arc::new(access);
+    let router = Router::new()
+        .route("/metrics", get(metrics))
+        .route("/healthz", get(health))
+        .route("/certificate-hashes", get(hashes))
+        .layer(from_fn(move |request: Request, next: Next| {
+            guard(Arc::clone(&access), request, next)
+        }));
     let shutdown = async move {
         let _ = stopped.wait_for(|stopped| *stopped).await;
     };
     axum::serve(door, router).with_graceful_shutdown(shutdown).await
+}
+
+/// Strangers' pages get nothing, and allowed ones may read what they get.
+async fn guard(access: Arc<Access>, request: Request, next: Next) -> Response {
+    let text = |headers: &HeaderMap, name| {
+        headers.get(name).map(|value| String::from_utf8_lossy(value.as_bytes()).into_owned())
+    };
+    let host = text(request.headers(), header::HOST)
+        .or_else(|| request.uri().authority().map(ToString::to_string))
+        .unwrap_or_default();
+    let origin = text(request.headers(), header::ORIGIN);
+    if let Err(refusal) = access.check(&host, origin.as_deref()) {
+        return (StatusCode::FORBIDDEN, format!("{refusal}\n")).into_response();
+    }
+    let mut response = next.run(request).await;
+    if let Some(origin) = origin.and_then(|origin| origin.parse().ok()) {
+        response.headers_mut().insert(header::ACCESS_CONTROL_ALLOW_ORIGIN, origin);
+    }
+    response
+}
+
+/// What `new WebTransport(url, { serverCertificateHashes })` needs: the certificate of now, and
+/// the one after it.
+fn hashes(browser: &BrowserIdentity, stream_port: u16) -> String {
+    let hashes = browser.hashes().map(|hash| hex(&hash));
+    json!({ "port": stream_port, "path": WEBTRANSPORT_PATH, "algorithm": "sha-256", "sha256": hashes })
+        .to_string()
 }
 
 /// 200 while every loop turns, 503 when one does not, with its name.

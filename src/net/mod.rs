@@ -23,7 +23,7 @@ pub use browser::{BrowserIdentity, PublishedHashes};
 pub use calls::{SessionCalls, SessionDesk, session_calls};
 pub use door::Door;
 pub use grpc::serve as serve_grpc;
-pub use http::serve as serve_http;
+pub use http::{HttpParts, serve as serve_http};
 pub use hub::StreamDevice;
 pub use identity::{Identity, IdentityError};
 pub use sealed_udp::SealedUdpOffer;

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!  connect ─▶ awaiting Hello ──good Hello──▶ welcomed ──▶ closed
-//!                  │ bad or none in 2 s                     ▲ disconnect, Bye, 2 s of
+//!                  │ bad or none in 5 s                     ▲ disconnect, Bye, 2 s of
 //!                  └────────── Bye ─────────────────────────┘ silence, broken protocol
 //! ```
 //!
@@ -148,7 +148,7 @@ impl Sessions {
         }
     }
 
-    /// A client connected; it has 2 s for its Hello.
+    /// A client connected; it has 5 s for its Hello.
     pub fn connect(
         &mut self,
         transport: Transport,

@@ -15,6 +15,9 @@ use super::state::Echo;
 use super::workspace::Workspace;
 use super::{Quality, Role, SessionId, Ticket, Transport};
 
+/// Time for the Hello: over a path that loses half of all datagrams a handshake takes seconds.
+const HELLO_NS: u64 = 5_000_000_000;
+
 /// A session that was opened by a call is forgotten when no stream joins it in this time.
 const WAITING_NS: u64 = 10_000_000_000;
 
@@ -136,8 +139,10 @@ impl Peer {
     /// When it is closed unless it speaks; a client that never says Hello gains nothing by
     /// saying other things.
     fn silent_ns(&self) -> u64 {
-        let since_ns = if self.open.is_some() { self.heard_ns } else { self.connected_ns };
-        since_ns.saturating_add(SILENCE_NS)
+        match self.open {
+            Some(_) => self.heard_ns.saturating_add(SILENCE_NS),
+            None => self.connected_ns.saturating_add(HELLO_NS),
+        }
     }
 
     /// Why it has to be closed now, if it has.
@@ -147,7 +152,7 @@ impl Peer {
                 (ByeReason::Silent, "no stream joined within 10 s")
             }
             Some(_) => (ByeReason::Silent, "nothing was heard for 2 s"),
-            None => (ByeReason::Silent, "no Hello came within 2 s"),
+            None => (ByeReason::Silent, "no Hello came within 5 s"),
         })
     }
 

@@ -54,7 +54,7 @@ impl Switchboard {
         self.devices.iter()
     }
 
-    /// A client connected; it has 2 s for its Hello.
+    /// A client connected; it has 5 s for its Hello.
     pub fn connect(
         &mut self,
         transport: Transport,
