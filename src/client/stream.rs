@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
+use quinn::ConnectionError;
 use tokio::time::{Interval, MissedTickBehavior};
 
 use super::carrier::{Carrier, Heard};
@@ -17,6 +18,10 @@ use crate::wire::{self, PROTOCOL};
 
 /// Pings of a client: often enough for a fresh figure, too few to matter.
 const PING_INTERVAL: Duration = Duration::from_millis(100);
+
+/// How often a connection is tried that is lost before the server's answer; one that was never
+/// made, twice.
+const ATTEMPTS: u32 = 4;
 
 /// Pings that may wait for their answer; one that is overtaken by so many is lost.
 const WAITING_PINGS: usize = 4096;
@@ -117,8 +122,22 @@ pub struct Client {
 }
 
 impl Client {
-    /// Connects, says Hello and waits for the server's answer.
+    /// Connects, says Hello and waits for the server's answer. Where the path loses so much that
+    /// the connection is over before there is one, it begins again.
     pub async fn connect(target: &ConnectString, options: Options) -> Result<Self, ClientError> {
+        let mut left = ATTEMPTS;
+        loop {
+            left -= 1;
+            match Self::attempt(target, &options).await {
+                Err(ClientError::Lost(_)) if left > 0 => {}
+                Err(ClientError::Connect { source, .. })
+                    if left + 1 == ATTEMPTS && source == ConnectionError::TimedOut => {}
+                ended => return ended,
+            }
+        }
+    }
+
+    async fn attempt(target: &ConnectString, options: &Options) -> Result<Self, ClientError> {
         let mut carrier = Carrier::open(target, options.transport, options.hello()).await?;
         let welcome = loop {
             match carrier.hear().await? {
