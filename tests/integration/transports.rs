@@ -33,9 +33,9 @@ fn a_wall_is_felt_and_a_session_listed_over_each_of_them() {
             let state = command_until(&mut scene, &wall, touched).await;
             assert!(state.contact_depth_m[0] > 0.0 && state.command_seq > 0, "{state:?}");
             assert_eq!(next_state(&mut observer).await.contact_id.len(), 1);
-            let listed =
-                rig.services().await.sessions.list_sessions(ListSessionsRequest::default());
-            let sessions = listed.await.unwrap().into_inner().sessions;
+            let mut services = rig.services().await;
+            let listed = services.sessions.list_sessions(ListSessionsRequest::default()).await;
+            let sessions = listed.unwrap().into_inner().sessions;
             let carried: Vec<_> = sessions.iter().map(|session| &session.transport[..]).collect();
             assert_eq!(carried, [transport.name(), transport.name()]);
             let label = format!("transport=\"{}\"", transport.name());
