@@ -58,6 +58,7 @@ impl Services {
         };
         let stopped = self.shutdown.subscribe();
         let http_port = http.port();
+        let browser = Arc::clone(&http_parts.browser);
         let (scrape, hosts) = (http_parts.scrape.clone(), http_parts.hosts.clone());
         let serving = net::serve_grpc(grpc, http_port, hosts, sessions, archive, stopped.clone());
         self.serving.push(runtime.spawn(async move {
@@ -76,6 +77,7 @@ impl Services {
             loop {
                 interval.tick().await;
                 scrape.upkeep();
+                browser.renew();
             }
         });
     }

@@ -282,8 +282,8 @@ fn patience(round_trips_ns: &Histogram<u64>) -> Duration {
     (2 * Duration::from_nanos(round_trips_ns.max())).clamp(LEAST_PATIENCE, MOST_PATIENCE)
 }
 
-/// Go or no-go for a scene that answers every State, and what for. Loss and variation are judged
-/// as the session does that decides what may be commanded (docs/protocol.md).
+/// Go or no-go for a scene that answers every State, and what for; after the bounds by which a
+/// session decides what may be commanded (docs/protocol.md), here of both ways together.
 fn verdict(p50_us: f64, p99_us: f64, loss: f64) -> (&'static str, &'static str) {
     let late_us = p99_us - p50_us;
     if loss <= 0.01 && p99_us < 500.0 {

@@ -19,6 +19,7 @@ const CHUNK_BYTES: usize = 64 * 1024;
 const FAREWELL: Duration = Duration::from_millis(500);
 
 /// One thing that came.
+#[derive(Debug)]
 pub(super) enum Heard {
     Datagram(bytes::Bytes),
     Message(Message),

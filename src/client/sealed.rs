@@ -1,5 +1,6 @@
 //! A session over sealed UDP: opened by a call, joined by a cookie.
 
+use std::collections::VecDeque;
 use std::io;
 use std::net::SocketAddr;
 use std::time::{Duration, Instant};
@@ -20,6 +21,13 @@ const AGAIN: Duration = Duration::from_millis(20);
 /// A server that is silent for this long is gone: it pings ten times a second.
 const SILENCE: Duration = Duration::from_secs(3);
 
+/// A server that pings ten times a second is not silent for so long, unless it speaks to where
+/// this client was.
+const QUIET: Duration = Duration::from_millis(300);
+
+/// Datagrams that wait to be asked for, as in QUIC.
+const NEWEST: usize = 2;
+
 /// The client's end of an association.
 #[derive(Debug)]
 pub(super) struct SealedStream {
@@ -28,8 +36,11 @@ pub(super) struct SealedStream {
     sealer: Sealer,
     opener: Opener,
     messages: Messages,
-    /// What it shows until the server streams.
-    cookie: Option<Vec<u8>>,
+    /// What it shows until the server streams, and where it hears nothing any more.
+    cookie: Vec<u8>,
+    streaming: bool,
+    /// What came and was not asked for yet.
+    waiting: VecDeque<Heard>,
     again: Interval,
     started: Instant,
     heard: Instant,
@@ -63,7 +74,9 @@ impl SealedStream {
             sealer,
             opener,
             messages: Messages::default(),
-            cookie: Some(vec![0; 32]),
+            cookie: vec![0; 32],
+            streaming: false,
+            waiting: VecDeque::new(),
             again,
             started: now,
             heard: now,
@@ -74,27 +87,40 @@ impl SealedStream {
     /// The next thing that comes. Cancel safe.
     pub async fn hear(&mut self) -> Result<Heard, ClientError> {
         loop {
-            let length = tokio::select! {
-                biased;
-                came = self.socket.recv(&mut self.buffer[..]) => came,
-                _ = self.again.tick() => {
-                    self.say_again();
-                    if self.heard.elapsed() > SILENCE {
-                        let silent = format!("{} does not answer (sealed UDP)", self.server);
-                        return Err(ClientError::Lost(silent));
-                    }
-                    continue;
-                }
-            };
-            // A port that is closed for a moment says so; only silence ends a session.
-            let Ok(length) = length else {
-                tokio::time::sleep(Duration::from_millis(1)).await;
-                continue;
-            };
-            if let Some(heard) = self.take(length)? {
+            if let Some(heard) = self.waiting.pop_front() {
                 return Ok(heard);
             }
+            tokio::select! {
+                biased;
+                ready = self.socket.readable() => {
+                    ready.map_err(ClientError::Socket)?;
+                    self.drain()?;
+                }
+                _ = self.again.tick() => self.say_again(),
+            }
+            if self.heard.elapsed() > SILENCE {
+                let silent = format!("{} does not answer (sealed UDP)", self.server);
+                return Err(ClientError::Lost(silent));
+            }
         }
+    }
+
+    /// Takes all that has come, and of datagrams only the newest: a late one is worth less than
+    /// a lost one. A port that is closed for a moment says so by an error; only silence ends a
+    /// session.
+    fn drain(&mut self) -> Result<(), ClientError> {
+        while let Ok(length) = self.socket.try_recv(&mut self.buffer[..]) {
+            let heard = self.take(length)?;
+            self.waiting.extend(heard);
+            let is_datagram = |heard: &Heard| matches!(heard, Heard::Datagram(_));
+            let datagrams = self.waiting.iter().filter(|heard| is_datagram(heard)).count();
+            if datagrams > NEWEST
+                && let Some(oldest) = self.waiting.iter().position(is_datagram)
+            {
+                self.waiting.remove(oldest);
+            }
+        }
+        Ok(())
     }
 
     fn take(&mut self, length: usize) -> Result<Option<Heard>, ClientError> {
@@ -103,18 +129,17 @@ impl SealedStream {
         self.heard = Instant::now();
         match kind {
             Kind::Challenge => {
-                let cookie = body.to_vec();
-                let shows = self.sealer.seal(Kind::Here, &cookie);
+                self.cookie = body.to_vec();
+                let shows = self.sealer.seal(Kind::Here, &self.cookie);
                 post(&self.socket, shows);
-                self.cookie = self.cookie.is_some().then_some(cookie);
                 Ok(None)
             }
             Kind::Datagram => {
-                self.cookie = None;
+                self.streaming = true;
                 Ok(Some(Heard::Datagram(bytes::Bytes::copy_from_slice(body))))
             }
             Kind::Message => {
-                self.cookie = None;
+                self.streaming = true;
                 let (taken, frame) = self.messages.on_message(body);
                 let mut frames = FrameDecoder::default();
                 let message = match frame {
@@ -154,8 +179,9 @@ impl SealedStream {
 
     fn say_again(&mut self) {
         let now_ns = u64::try_from(self.started.elapsed().as_nanos()).unwrap_or(u64::MAX);
-        if let Some(cookie) = &self.cookie {
-            post(&self.socket, self.sealer.seal(Kind::Here, cookie));
+        // Whose address has changed is streamed to at the old one until it knocks again.
+        if !self.streaming || self.heard.elapsed() > QUIET {
+            post(&self.socket, self.sealer.seal(Kind::Here, &self.cookie));
         }
         for body in self.messages.due(now_ns) {
             post(&self.socket, self.sealer.seal(Kind::Message, body));

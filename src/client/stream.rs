@@ -123,9 +123,11 @@ pub struct Client {
 
 impl Client {
     /// Connects, says Hello and waits for the server's answer. Where the path loses so much that
-    /// the connection is over before there is one, it begins again.
+    /// the connection is over before there is one, it begins again; not where something was
+    /// used up by then, a ticket or the call that opens sealed UDP.
     pub async fn connect(target: &ConnectString, options: Options) -> Result<Self, ClientError> {
-        let mut left = ATTEMPTS;
+        let harmless = options.transport != Transport::Udp && options.ticket.is_empty();
+        let mut left = if harmless { ATTEMPTS } else { 1 };
         loop {
             left -= 1;
             match Self::attempt(target, &options).await {
@@ -181,20 +183,20 @@ impl Client {
                 biased;
                 heard = self.carrier.hear() => match heard? {
                     Heard::Datagram(datagram) => {
-                        if let Some(incoming) = self.on_datagram(&datagram)? {
-                            return Ok(incoming);
+                        match self.on_datagram(&datagram) {
+                            Ok(Some(incoming)) => return Ok(incoming),
+                            answered => unless_lost(answered.map(|_| ()))?,
                         }
                     }
                     Heard::Message(Message::Event(event)) => {
-                        // Its connection may be over already: that is heard next.
-                        let _ = self.saw(event.id);
+                        unless_lost(self.saw(event.id))?;
                         return Ok(Incoming::Event(event));
                     }
                     Heard::Message(Message::Bye(bye)) => return Err(said(&bye)),
                     // A server that repeats itself does no harm.
                     Heard::Message(Message::Hello(_) | Message::Welcome(_)) => {}
                 },
-                () = due(&mut self.ping) => self.send_ping()?,
+                () = due(&mut self.ping) => unless_lost(self.send_ping())?,
             }
         }
     }
@@ -343,6 +345,15 @@ impl Client {
 
 fn said(bye: &Bye) -> ClientError {
     ClientError::Bye { reason: bye.reason(), detail: bye.detail.clone() }
+}
+
+/// What cannot be sent because the connection is over is no news: why, and the last words of the
+/// server, are heard next.
+fn unless_lost(sent: Result<(), ClientError>) -> Result<(), ClientError> {
+    match sent {
+        Err(ClientError::Lost(_)) => Ok(()),
+        sent => sent,
+    }
 }
 
 /// Done when a ping is due.

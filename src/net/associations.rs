@@ -107,6 +107,11 @@ impl Associations {
         Ok(())
     }
 
+    /// Nobody is to come for it after all.
+    pub fn forget(&mut self, id: AssociationId) {
+        self.open.remove(&id);
+    }
+
     /// A packet came; it is decrypted where it lies.
     pub fn on_packet<'a>(
         &mut self,
@@ -127,10 +132,7 @@ impl Associations {
             association.address = Some(from);
         }
         match (kind, association.session) {
-            (Kind::Here, None) => {
-                association.ends_ns = None;
-                Heard::Arrived { association: id, ticket: association.ticket }
-            }
+            (Kind::Here, None) => Heard::Arrived { association: id, ticket: association.ticket },
             (Kind::Datagram, Some(session)) => Heard::Datagram { session, body },
             (Kind::Message, Some(session)) => association.on_message(session, body),
             (Kind::Taken, _) => {
@@ -144,7 +146,7 @@ impl Associations {
     /// It has become this session.
     pub fn join(&mut self, id: AssociationId, session: SessionId) {
         if let Some(association) = self.open.get_mut(&id) {
-            association.session = Some(session);
+            (association.session, association.ends_ns) = (Some(session), None);
             self.by_session.insert(session, id);
         }
     }

@@ -40,36 +40,49 @@ pub struct BrowserIdentity {
     held: Mutex<Held>,
 }
 
+/// Between two attempts to renew: a disk that is full is not asked all the time.
+const AGAIN_S: i64 = 60;
+
 #[derive(Clone, Debug)]
 struct Held {
     slot: i64,
+    /// When it is looked at again.
+    next_s: i64,
     keys: [Arc<CertifiedKey>; 2],
 }
 
 impl BrowserIdentity {
     /// Those kept in `state_dir`, made and kept there where there are none for now.
     pub fn load_or_create(state_dir: &Path) -> Result<Self, IdentityError> {
-        let slot = slot_of(now_s());
-        let held = Mutex::new(hold(state_dir, slot)?);
+        let held = Mutex::new(hold(state_dir, slot_of(now_s()))?);
         Ok(Self { state_dir: state_dir.to_owned(), held })
     }
 
     /// What pages may be told.
     pub fn hashes(&self) -> PublishedHashes {
-        self.current().keys.map(|key| quic::fingerprint(&key.cert[0]))
+        self.held().keys.map(|key| quic::fingerprint(&key.cert[0]))
     }
 
-    /// A new slot brings a new certificate. Where it cannot be kept the old ones stay.
-    fn current(&self) -> Held {
-        let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
-        let slot = slot_of(now_s());
-        if held.slot != slot {
-            match hold(&self.state_dir, slot) {
-                Ok(renewed) => *held = renewed,
-                Err(error) => tracing::error!(%error, "no new certificate for browsers"),
+    /// A new slot brings a new certificate. Where it cannot be kept the old ones stay. Waits for
+    /// the disk, so that handshakes need not.
+    pub fn renew(&self) {
+        let (now_s, mut held) = (now_s(), self.held());
+        let slot = slot_of(now_s);
+        if held.slot == slot || now_s < held.next_s {
+            return;
+        }
+        match hold(&self.state_dir, slot) {
+            Ok(renewed) => held = renewed,
+            Err(error) => {
+                held.next_s = now_s + AGAIN_S;
+                tracing::error!(%error, "no new certificate for browsers");
             }
         }
-        held.clone()
+        *self.held.lock().unwrap_or_else(PoisonError::into_inner) = held;
+    }
+
+    fn held(&self) -> Held {
+        self.held.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 }
 
@@ -85,7 +98,7 @@ impl ResolvesServerCert for ByProtocol {
         let webtransport = quic::alpn_webtransport();
         let http = hello.alpn().is_some_and(|mut offers| offers.any(|offer| offer == webtransport));
         if http && hello.server_name() != Some(PINNED_NAME) {
-            let [now, _] = self.browser.current().keys;
+            let [now, _] = self.browser.held().keys;
             return Some(now);
         }
         Some(Arc::clone(&self.own))
@@ -105,12 +118,13 @@ fn hold(state_dir: &Path, slot: i64) -> Result<Held, IdentityError> {
     let keys = [load(state_dir, slot)?, load(state_dir, slot + 1)?];
     for old in fs::read_dir(state_dir).into_iter().flatten().flatten() {
         let number = old.file_name().to_str().and_then(slot_in);
-        if number.is_some_and(|number| number < slot) {
+        // The last one stays, for a clock that is put back.
+        if number.is_some_and(|number| number + 1 < slot) {
             // One more file to look at next time.
             let _ = fs::remove_file(old.path());
         }
     }
-    Ok(Held { slot, keys })
+    Ok(Held { slot, next_s: 0, keys })
 }
 
 fn file_name(slot: i64) -> String {
@@ -161,6 +175,8 @@ mod tests {
         let slot = slot_of(now_s());
         let next = hold(dir.path(), slot + 1).unwrap();
         assert_eq!(quic::fingerprint(&next.keys[0].cert[0]), first[1], "what was promised");
+        assert!(dir.path().join(file_name(slot)).exists(), "for a clock that is put back");
+        hold(dir.path(), slot + 2).unwrap();
         assert!(!dir.path().join(file_name(slot)).exists(), "the old one is gone");
         let pem = fs::read(dir.path().join(file_name(slot + 1))).unwrap();
         let kept = CertificateDer::from_pem_slice(&pem).unwrap();

@@ -61,7 +61,11 @@ impl SessionDesk {
                     detail: full.to_string(),
                 })?;
             }
-            board.open(&hello, ticket, now_ns)
+            let opened = board.open(&hello, ticket, now_ns);
+            if let (Err(_), Some(offer)) = (&opened, &offer) {
+                sealed.forget(offer);
+            }
+            opened
         };
         self.ask_both(open).await
     }

@@ -54,6 +54,8 @@ pub(super) async fn attend(hub: Shared, incoming: Incoming, access: Rc<Access>) 
     hub.peers.remove(&id);
     hub.sessions.disconnect(id, now_ns());
     hub.act();
+    // A WebTransport session does not end its connection by itself.
+    session.close(0, b"gone");
     tracing::debug!(session = %id, "gone");
 }
 
@@ -80,15 +82,21 @@ async fn accept(connection: Connection, ip: IpAddr, access: &Access) -> Option<S
     let origin = request.headers.get("origin").map(|origin| origin.as_bytes().to_vec());
     let origin = origin.as_deref().map(String::from_utf8_lossy);
     if request.url.path() != WEBTRANSPORT_PATH {
-        let _ = request.reject(StatusCode::NOT_FOUND).await;
-        return None;
+        return reject(request, StatusCode::NOT_FOUND).await;
     }
     if let Err(refusal) = access.check(&host, origin.as_deref()) {
-        tracing::warn!(%ip, %refusal, "a WebTransport session is refused");
-        let _ = request.reject(StatusCode::FORBIDDEN).await;
-        return None;
+        tracing::debug!(%ip, %refusal, "a WebTransport session is refused");
+        return reject(request, StatusCode::FORBIDDEN).await;
     }
     request.ok().await.ok()
+}
+
+/// The answer is heard before the connection goes.
+async fn reject(request: Request, status: StatusCode) -> Option<Session> {
+    let connection = request.conn().clone();
+    let _ = request.reject(status).await;
+    let _ = tokio::time::timeout(FAREWELL, connection.closed()).await;
+    None
 }
 
 /// Tells a client for whom there is no room.

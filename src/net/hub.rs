@@ -193,7 +193,12 @@ impl Hub {
             Some(Carrier::Stream { session, messages }) if messages.try_send(frame()).is_err() => {
                 session.close(2, b"you do not read");
             }
-            Some(Carrier::Sealed) => self.sealed.say(to, &frame()),
+            Some(Carrier::Sealed) if !self.sealed.say(to, &frame()) => {
+                // It takes nothing, as one that does not read its stream.
+                self.peers.remove(&to);
+                self.sealed.end(to);
+                self.sessions.disconnect(to, now_ns());
+            }
             _ => {}
         }
     }

@@ -9,11 +9,9 @@ use tokio::net::UdpSocket;
 use super::associations::{Associations, Heard, TooManyAssociations};
 use super::hub::{Carrier, Hub, Shared};
 use crate::clock::now_ns;
-use crate::proto::stream_message::Body;
-use crate::proto::{Hello, StreamMessage};
 use crate::sealed::{AssociationId, MAX_PACKET_BYTES, Secret};
 use crate::session::{SessionId, Ticket, Transport};
-use crate::wire::{FrameDecoder, PROTOCOL};
+use crate::wire::FrameDecoder;
 
 /// Packets heard before others have their turn, however many wait.
 const IN_A_ROW: usize = 32;
@@ -48,18 +46,20 @@ impl SealedUdp {
         self.table.open(offer.association, &offer.secret, offer.ticket, now_ns)
     }
 
+    /// It is not to be after all.
+    pub fn forget(&mut self, offer: &SealedUdpOffer) {
+        self.table.forget(offer.association);
+    }
+
     /// Never waits; false where the datagram is lost.
     pub fn send(&mut self, to: SessionId, bytes: &[u8]) -> bool {
         let sealed = self.table.seal(to, bytes);
         sealed.is_some_and(|(packet, address)| self.post(&packet, address))
     }
 
-    /// Says it until it is taken; a client that takes nothing is left alone with its silence.
-    pub fn say(&mut self, to: SessionId, frame: &[u8]) {
-        if !self.table.say(to, frame) {
-            tracing::debug!(session = %to, "takes no messages");
-        }
-        self.repeat();
+    /// Says it until it is taken; false where too much waits already.
+    pub fn say(&mut self, to: SessionId, frame: &[u8]) -> bool {
+        self.table.say(to, frame)
     }
 
     /// The session is over.
@@ -127,14 +127,11 @@ fn hear_one(hub: &mut Hub, packet: &mut [u8], from: SocketAddr) {
     }
 }
 
-/// Its Hello was said by the call; what it shows now is the ticket.
+/// Its Hello was said by the call, and its session waits for it.
 fn arrive(hub: &mut Hub, association: AssociationId, ticket: &Ticket) {
-    let Ok(newcomer) = hub.sessions.connect(Transport::SealedUdp, now_ns()) else { return };
-    let hello =
-        Hello { versions: vec![PROTOCOL.to_owned()], ticket: ticket.to_vec(), ..Hello::default() };
-    hub.peers.insert(newcomer, Carrier::Sealed);
-    let message = StreamMessage { body: Some(Body::Hello(hello)) };
-    let session = hub.on_message(newcomer, message);
+    let joined = hub.sessions.join_by_ticket(ticket, Transport::SealedUdp, now_ns());
+    let Some(session) = joined else { return };
+    hub.peers.insert(session, Carrier::Sealed);
     hub.sealed.table.join(association, session);
     tracing::debug!(%session, "connected over sealed UDP");
 }

@@ -196,6 +196,19 @@ impl Switchboard {
         newcomer
     }
 
+    /// A client without a connection of its own has come for the session that waits for this
+    /// ticket; it has its place already.
+    pub fn join_by_ticket(
+        &mut self,
+        ticket: &Ticket,
+        transport: Transport,
+        now_ns: u64,
+    ) -> Option<SessionId> {
+        let id = self.devices.iter().find_map(|device| device.waiting_with(ticket))?;
+        self.device_of(id)?.join_waiting(id, transport, now_ns);
+        Some(id)
+    }
+
     fn device_of(&mut self, id: SessionId) -> Option<&mut Sessions> {
         let place = *self.places.get(&id)?;
         self.devices.get_mut(place)

@@ -5,11 +5,11 @@ use std::time::Duration;
 
 use hapticd::client::{Client, ClientError, ConnectString, Options, Transport};
 use hapticd::proto::{
-    ByeReason, ListSessionsRequest, OpenSessionRequest, Role, Transport as Wanted,
+    ByeReason, ListSessionsRequest, OpenSessionRequest, Role, State, Transport as Wanted,
 };
 use hapticd::sealed::{Direction, Kind, Sealer, ends};
 
-use super::support::{Rig, command_until, next_state, run, wait_until, wall_at};
+use super::support::{Rig, command_until, next_state, run, state_where, wait_until, wall_at};
 
 fn options(name: &str, role: Role, transport: Transport) -> Options {
     Options { transport, ..Options::new(name, role) }
@@ -29,10 +29,10 @@ fn a_wall_is_felt_and_a_session_listed_over_each_of_them() {
             assert_eq!(scene.welcome().device, "devices/cho-2005");
             let mut observer = client(&rig, Role::Observer, transport).await;
             let wall = [wall_at(0.3)];
-            let touched = |state: &hapticd::proto::State| state.contact_id == [1];
+            let touched = |state: &State| state.contact_id == [1];
             let state = command_until(&mut scene, &wall, touched).await;
             assert!(state.contact_depth_m[0] > 0.0 && state.command_seq > 0, "{state:?}");
-            assert_eq!(next_state(&mut observer).await.contact_id.len(), 1);
+            state_where(&mut observer, touched).await;
             let mut services = rig.services().await;
             let listed = services.sessions.list_sessions(ListSessionsRequest::default()).await;
             let sessions = listed.unwrap().into_inner().sessions;
@@ -59,6 +59,20 @@ fn a_wall_is_felt_and_a_session_listed_over_each_of_them() {
             rig.run(list).unwrap().into_inner().sessions.is_empty()
         });
     }
+}
+
+#[test]
+fn the_last_place_is_one_for_sealed_udp_too() {
+    let rig = Rig::with(|config| config.session.max_sessions = 1);
+    let mut only = rig.run(client(&rig, Role::Observer, Transport::Udp));
+    rig.run(next_state(&mut only));
+    let late = options("late", Role::Observer, Transport::Udp);
+    let refused = rig.run(Client::connect(rig.target(), late));
+    assert!(
+        matches!(&refused, Err(ClientError::Call(why)) if why.contains("at most 1")),
+        "{refused:?}"
+    );
+    rig.run(only.close());
 }
 
 #[test]
