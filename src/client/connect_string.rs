@@ -5,7 +5,7 @@
 //! HOST:PORT, or just HOST, will do.
 
 use std::fmt;
-use std::net::IpAddr;
+use std::net::{IpAddr, Ipv6Addr};
 use std::str::FromStr;
 
 /// UDP port of the stream.
@@ -91,21 +91,21 @@ impl FromStr for ConnectString {
         if uri.scheme_str() != Some(SCHEME) {
             return Err(fail(format!("it must begin with {SCHEME}://")));
         }
-        let host =
+        let written_host =
             uri.host().filter(|host| !host.is_empty()).ok_or_else(|| fail("no host".into()))?;
+        let host = host_of(written_host).map_err(&fail)?;
         let authority = uri.authority().map_or("", http::uri::Authority::as_str);
-        let written_port = authority.strip_prefix(host).and_then(|rest| rest.strip_prefix(':'));
+        if authority.contains('@') {
+            return Err(fail("a user name has no place in it".into()));
+        }
+        let written_port =
+            authority.strip_prefix(written_host).and_then(|rest| rest.strip_prefix(':'));
         let stream_port = match written_port {
             None => DEFAULT_STREAM_PORT,
             Some(port) => port_of("port", port).map_err(&fail)?,
         };
-        let mut found = Self {
-            host: host.trim_matches(['[', ']']).to_owned(),
-            stream_port,
-            grpc_port: DEFAULT_GRPC_PORT,
-            sha256: None,
-            token: None,
-        };
+        let mut found =
+            Self { host, stream_port, grpc_port: DEFAULT_GRPC_PORT, sha256: None, token: None };
         for (key, value) in form_urlencoded::parse(uri.query().unwrap_or("").as_bytes()) {
             match key.as_ref() {
                 "sha256" => {
@@ -121,6 +121,20 @@ impl FromStr for ConnectString {
         }
         Ok(found)
     }
+}
+
+/// A name or an address, one of IPv6 without its brackets: what a URI may have beyond that
+/// could not be written again.
+fn host_of(written: &str) -> Result<String, String> {
+    let in_brackets = written.strip_prefix('[').and_then(|rest| rest.strip_suffix(']'));
+    let good = match in_brackets {
+        Some(address) => address.parse::<Ipv6Addr>().is_ok(),
+        None => !written.contains(['[', ']']),
+    };
+    if good {
+        return Ok(in_brackets.unwrap_or(written).to_owned());
+    }
+    Err(format!("host = {written}: must be a name, an address, or one of IPv6 in brackets"))
 }
 
 fn port_of(what: &str, text: &str) -> Result<u16, String> {
@@ -181,6 +195,9 @@ mod tests {
             ("", "looks like"),
             ("host:port", "port = port: must be a port, 1 to 65535"),
             ("host:0", "1 to 65535"),
+            ("v[+]", "host = v[+]: must be a name"),
+            ("[v6]:7351", "one of IPv6 in brackets"),
+            ("hapticd://somebody@host:9000/", "a user name"),
         ] {
             let error = text.parse::<ConnectString>().unwrap_err().to_string();
             assert!(error.contains(what), "{error}");
