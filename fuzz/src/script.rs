@@ -57,9 +57,12 @@ impl<'a> Script<'a> {
         self.0.bytes(count).unwrap_or_default()
     }
 
-    /// Text of some bytes, rarely long, rarely not printable.
+    /// Text of some bytes: a letter over and over, or whatever there is.
     pub fn text(&mut self) -> String {
         let count = usize::from(self.u8() % 80);
+        if self.rarely(2) {
+            return "a".repeat(count);
+        }
         String::from_utf8_lossy(self.bytes(count)).into_owned()
     }
 
