@@ -147,11 +147,6 @@ pub fn fingerprint(certificate_der: &[u8]) -> [u8; 32] {
     bytes
 }
 
-/// Lower-case hexadecimal digits.
-pub(crate) fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
-}
-
 /// Transport settings of an end that sends datagrams of up to `sends_bytes`, so many a second,
 /// and takes those of up to `takes_bytes`.
 fn transport(sends_bytes: usize, per_s: f64, takes_bytes: usize) -> Arc<TransportConfig> {

@@ -5,10 +5,8 @@
 //! HOST:PORT, or just HOST, will do.
 
 use std::fmt;
-use std::net::IpAddr;
+use std::net::{IpAddr, Ipv6Addr};
 use std::str::FromStr;
-
-use crate::quic::hex;
 
 /// UDP port of the stream.
 pub const DEFAULT_STREAM_PORT: u16 = 7351;
@@ -74,7 +72,8 @@ impl fmt::Display for ConnectString {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut query = form_urlencoded::Serializer::new(String::new());
         if let Some(hash) = &self.sha256 {
-            query.append_pair("sha256", &hex(hash));
+            let hex: String = hash.iter().map(|byte| format!("{byte:02x}")).collect();
+            query.append_pair("sha256", &hex);
         }
         if let Some(token) = &self.token {
             query.append_pair("token", token);
@@ -102,16 +101,21 @@ impl FromStr for ConnectString {
         if uri.scheme_str() != Some(SCHEME) {
             return Err(fail(format!("it must begin with {SCHEME}://")));
         }
-        let host =
+        let written_host =
             uri.host().filter(|host| !host.is_empty()).ok_or_else(|| fail("no host".into()))?;
+        let host = host_of(written_host).map_err(&fail)?;
         let authority = uri.authority().map_or("", http::uri::Authority::as_str);
-        let written_port = authority.strip_prefix(host).and_then(|rest| rest.strip_prefix(':'));
+        if authority.contains('@') {
+            return Err(fail("a user name has no place in it".into()));
+        }
+        let written_port =
+            authority.strip_prefix(written_host).and_then(|rest| rest.strip_prefix(':'));
         let stream_port = match written_port {
             None => DEFAULT_STREAM_PORT,
             Some(port) => port_of("port", port).map_err(&fail)?,
         };
         let mut found = Self {
-            host: host.trim_matches(['[', ']']).to_owned(),
+            host,
             stream_port,
             grpc_port: DEFAULT_GRPC_PORT,
             sha256: None,
@@ -134,6 +138,20 @@ impl FromStr for ConnectString {
         }
         Ok(found)
     }
+}
+
+/// A name or an address, one of IPv6 without its brackets: what a URI may have beyond that
+/// could not be written again.
+fn host_of(written: &str) -> Result<String, String> {
+    let in_brackets = written.strip_prefix('[').and_then(|rest| rest.strip_suffix(']'));
+    let good = match in_brackets {
+        Some(address) => address.parse::<Ipv6Addr>().is_ok(),
+        None => !written.contains(['[', ']']),
+    };
+    if good {
+        return Ok(in_brackets.unwrap_or(written).to_owned());
+    }
+    Err(format!("host = {written}: must be a name, an address, or one of IPv6 in brackets"))
 }
 
 fn port_of(what: &str, text: &str) -> Result<u16, String> {
@@ -191,6 +209,9 @@ mod tests {
             ("", "looks like"),
             ("host:port", "port = port: must be a port, 1 to 65535"),
             ("host:0", "1 to 65535"),
+            ("v[+]", "host = v[+]: must be a name"),
+            ("[v6]:7351", "one of IPv6 in brackets"),
+            ("hapticd://somebody@host:9000/", "a user name"),
         ] {
             let error = text.parse::<ConnectString>().unwrap_err().to_string();
             assert!(error.contains(what), "{error}");

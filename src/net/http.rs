@@ -14,7 +14,7 @@ use tokio::sync::watch;
 
 use super::{Access, BrowserIdentity, Door};
 use crate::host::{DeviceHost, Hosts};
-use crate::quic::{WEBTRANSPORT_PATH, hex};
+use crate::quic::WEBTRANSPORT_PATH;
 use crate::telemetry::Scrape;
 
 /// Prometheus' text format.
@@ -94,7 +94,8 @@ async fn guard(access: Arc<Access>, request: Request, next: Next) -> Response {
 /// What `new WebTransport(url, { serverCertificateHashes })` needs: the certificate of now, and
 /// the one after it.
 fn hashes(browser: &BrowserIdentity, stream_port: u16) -> String {
-    let hashes = browser.hashes().map(|hash| hex(&hash));
+    let hex = |hash: [u8; 32]| hash.iter().map(|byte| format!("{byte:02x}")).collect::<String>();
+    let hashes = browser.hashes().map(hex);
     json!({ "port": stream_port, "path": WEBTRANSPORT_PATH, "algorithm": "sha-256", "sha256": hashes })
         .to_string()
 }

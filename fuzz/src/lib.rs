@@ -1,0 +1,39 @@
+//! What the fuzz targets do: each module turns bytes into calls and says what must hold.
+//!
+//! A target in `targets/` only calls a function of here, so the same checks can be run on a
+//! file without libFuzzer (`examples/replay.rs`). Whatever does not hold is a panic.
+
+#![allow(non_snake_case)]
+// names carry frames and units, as in hapticd
+
+pub mod connect_strings;
+pub mod datagrams;
+pub mod frames;
+pub mod messages;
+pub mod objects;
+pub mod recordings;
+pub mod script;
+pub mod sessions;
+pub mod settings;
+pub mod states;
+pub mod texts;
+pub mod ticks;
+
+/// A target: its name and what it does with an input.
+pub type Target = (&'static str, fn(&[u8]));
+
+/// All of them.
+pub const TARGETS: [Target; 12] = [
+    ("connect_string", connect_strings::check),
+    ("datagram", datagrams::check),
+    ("device_file", texts::check_device_file),
+    ("frames", frames::check),
+    ("object_message", objects::check),
+    ("recording", recordings::check),
+    ("scene_file", texts::check_scene_file),
+    ("server_file", texts::check_server_file),
+    ("session_events", sessions::check),
+    ("settings", settings::check),
+    ("state", states::check),
+    ("tick", ticks::check),
+];
