@@ -31,6 +31,9 @@
 //! | `telemetry` | one table of metrics, histograms, figures of a run |
 //! | `host` | one device as the services see it |
 //! | `archive` | recordings and black boxes on disk |
+//! | `utc` | moments of the world's clock |
+//! | `credentials` | who may use a server, and for what |
+//! | `audit` | who did what, on disk |
 //! | `quic` | what both ends of a QUIC connection agree on |
 //! | `net` | the server's sockets |
 //! | `client` | the client library |
@@ -61,6 +64,8 @@ pub mod app;
 #[cfg(feature = "net")]
 pub mod archive;
 #[cfg(feature = "net")]
+pub mod audit;
+#[cfg(feature = "net")]
 pub mod cli;
 #[cfg(feature = "client")]
 pub mod client;
@@ -68,6 +73,8 @@ pub mod client;
 pub mod clock;
 pub mod config;
 pub mod control;
+#[cfg(feature = "net")]
+pub mod credentials;
 pub mod device;
 pub mod environment;
 pub mod explain;
@@ -93,4 +100,6 @@ pub mod session;
 #[cfg(target_os = "linux")]
 pub mod telemetry;
 pub mod units;
+#[cfg(feature = "net")]
+pub mod utc;
 pub mod wire;

@@ -196,7 +196,8 @@ fn raise_stream(rt_priority: u8) -> Box<dyn Fn() + Send> {
     })
 }
 
-fn state_path(config: &ServerConfig) -> anyhow::Result<PathBuf> {
+/// Where the state of a server of this configuration is.
+pub(crate) fn state_path(config: &ServerConfig) -> anyhow::Result<PathBuf> {
     let default = || default_state_dir(|name| std::env::var_os(name));
     config.state_dir.clone().or_else(default).context(
         "state_dir is not set (--state-dir), and neither XDG_STATE_HOME nor HOME is: say where state may be kept",

@@ -18,7 +18,9 @@ mod services;
 mod signals;
 mod sockets;
 
+pub(crate) use daemon::state_path;
 pub use daemon::{Daemon, Start};
 pub use device::RunningDevice;
 pub use log::{Logs, init as init_log};
+pub(crate) use reachable::address as reachable_address;
 pub use signals::Signals;

@@ -6,6 +6,7 @@ macro_rules! say {
     ($($text:tt)*) => { $crate::cli::say_line(format_args!($($text)*)) };
 }
 
+mod audit;
 mod config;
 mod ctl;
 mod demo;
@@ -23,7 +24,9 @@ mod netsim;
 mod object;
 mod object_fields;
 mod object_print;
+mod pair;
 mod ping;
+mod qr;
 mod record;
 mod recording;
 mod replay;
@@ -66,6 +69,8 @@ enum Command {
     Record(record::Record),
     Replay(replay::Replay),
     Top(top::Top),
+    Pair(pair::Pair),
+    Audit(audit::Audit),
     Doctor(doctor::Doctor),
     Config(config::Config),
 }
@@ -87,6 +92,8 @@ pub fn run() -> ExitCode {
         Command::Record(command) => command.run(),
         Command::Replay(command) => command.run(),
         Command::Top(command) => command.run(),
+        Command::Pair(command) => command.run(),
+        Command::Audit(command) => command.run(),
         Command::Doctor(command) => command.run(),
         Command::Config(command) => command.run(),
     };

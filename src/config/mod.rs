@@ -26,6 +26,8 @@ mod stiffness;
 
 pub use device::{BUILT_IN, DemoWall, DeviceDefinition};
 pub use error::ConfigError;
+#[cfg(feature = "net")]
+pub(crate) use error::parse as parse_toml;
 pub use id::Id;
 pub use object::{GuidePath, ObjectKind, SceneObject};
 pub use object_layout::ObjectLayout;

@@ -20,6 +20,8 @@ mod metrics;
 #[cfg(feature = "net")]
 mod objects;
 #[cfg(feature = "net")]
+mod pairing;
+#[cfg(feature = "net")]
 mod patience;
 #[cfg(feature = "net")]
 mod persistence;
