@@ -1,28 +1,34 @@
 //! A running daemon: its devices, its threads, its sockets.
 
-use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::net::{SocketAddr, TcpListener};
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
-use anyhow::Context;
+use anyhow::{Context, ensure};
 
 use super::device::{ReadyDevice, RunningDevice};
 use super::reachable;
-use super::services::Services;
+use super::services::{Listeners, Services};
 use super::sockets::Sockets;
 use crate::archive::Archive;
+use crate::audit::AuditLog;
 use crate::client::{ConnectString, DEFAULT_UDP_PORT};
 use crate::clock::now_ns;
 use crate::config::{
     DeviceDefinition, RealtimePolicy, ServedDevice, ServerConfig, StateDir, default_state_dir,
     load_devices,
 };
+use crate::credentials::Keyring;
 use crate::host::Hosts;
-use crate::net::{self, Access, BrowserIdentity, HttpParts, Identity, StreamHandle, StreamParts};
+use crate::net::{
+    self, Access, BrowserIdentity, Gate, GrpcParts, HttpParts, Identity, Reach, Security,
+    StreamHandle, StreamParts,
+};
 use crate::rt::{self, Processor, Realtime, RtConfig};
 use crate::session::SessionConfig;
 use crate::telemetry::Telemetry;
+use crate::units::FieldError;
 
 /// SCHED_FIFO priority of the stream thread, or just below the loops' where that is lower.
 const STREAM_PRIORITY: u8 = 40;
@@ -43,6 +49,8 @@ pub struct Daemon {
     connect: ConnectString,
     /// Where `/metrics` is.
     pub http_address: SocketAddr,
+    /// Where HTTPS is, beyond loopback.
+    pub https_address: Option<SocketAddr>,
     /// Where the services are.
     pub grpc_address: SocketAddr,
     // Waits for recordings under way when it goes, so it goes after the recorders.
@@ -54,12 +62,22 @@ pub struct Daemon {
 impl Daemon {
     /// Starts everything.
     pub fn start(config: &ServerConfig, start: Start) -> anyhow::Result<Self> {
-        let Ready { devices, state_dir, identity, browser, archive, sockets } =
+        let Ready { devices, state_dir, identity, browser, archive, gate, sockets } =
             Ready::new(config, start)?;
         let sha256 = identity.sha256();
         let grpc_address = sockets.grpc.local_addr()?;
         let http_address = sockets.http.local_addr()?;
-        let mut services = Services::prepare(sockets.grpc, sockets.http)?;
+        let https_address = sockets.https.as_ref().map(TcpListener::local_addr).transpose()?;
+        let Sockets { stream, sealed, grpc, http, https } = sockets;
+        let listeners = Listeners {
+            grpc: (grpc, identity.grpc_security(config.is_guarded())?),
+            http: (http, reach(config)),
+            https: match https {
+                Some(https) => Some((https, https_security(config, &identity)?)),
+                None => None,
+            },
+        };
+        let mut services = Services::prepare(listeners)?;
 
         let telemetry = Telemetry::new()?;
         let (mut connected, mut streamed) = (Vec::new(), Vec::new());
@@ -70,14 +88,15 @@ impl Daemon {
             streamed.push(stream);
         }
         let access = access(config);
-        let udp_port = sockets.sealed.local_addr()?.port();
+        let udp_port = sealed.local_addr()?.port();
         let (sessions, calls) = net::session_calls(udp_port);
         let stream = net::spawn_stream(StreamParts {
-            socket: sockets.stream,
-            sealed: sockets.sealed,
+            socket: stream,
+            sealed,
             identity,
             browser: Arc::clone(&browser),
             access: access.clone(),
+            gate: Arc::clone(&gate),
             devices: streamed,
             calls,
             on_start: raise_stream(config.rt_priority),
@@ -95,14 +114,18 @@ impl Daemon {
             udp_port: (udp_port != DEFAULT_UDP_PORT).then_some(udp_port),
         };
         let hosts = devices.iter().map(|device| device.host().clone()).collect();
+        let hosts = Hosts::new(hosts);
+        let stream_port = stream.address.port();
+        let http_port = http_address.port();
         let http = HttpParts {
             scrape: telemetry.scrape(),
-            hosts: Hosts::new(hosts),
+            hosts: hosts.clone(),
             browser,
-            stream_port: stream.address.port(),
+            stream_port,
             access,
         };
-        services.serve(http, sessions, Arc::clone(&archive));
+        let parts = GrpcParts { hosts, sessions, archive: Arc::clone(&archive), gate, http_port };
+        services.serve(&http, parts)?;
         let (_archive, _state_dir) = (archive, state_dir);
         Ok(Self {
             stream,
@@ -110,6 +133,7 @@ impl Daemon {
             devices,
             connect,
             http_address,
+            https_address,
             grpc_address,
             _archive,
             _state_dir,
@@ -158,6 +182,7 @@ struct Ready {
     identity: Identity,
     browser: Arc<BrowserIdentity>,
     archive: Arc<Archive>,
+    gate: Arc<Gate>,
     sockets: Sockets,
 }
 
@@ -172,10 +197,38 @@ impl Ready {
         let devices = devices.collect::<Result<_, _>>()?;
         let identity = Identity::load_or_create(state_dir.path())?;
         let browser = Arc::new(BrowserIdentity::load_or_create(state_dir.path())?);
+        let gate = Arc::new(gate(config, state_dir.path())?);
         let sockets = Sockets::bind(config, start.or_free_ports)?;
         let archive = Arc::new(Archive::open(state_dir.path())?);
-        Ok(Self { devices, state_dir, identity, browser, archive, sockets })
+        Ok(Self { devices, state_dir, identity, browser, archive, gate, sockets })
     }
+}
+
+/// Beyond loopback with the credentials that were issued; without any, nobody could come.
+fn gate(config: &ServerConfig, state_dir: &Path) -> anyhow::Result<Gate> {
+    let keyring = config.is_guarded().then(|| Keyring::open(state_dir)).transpose()?;
+    let nobody = keyring.as_ref().is_some_and(|keyring| keyring.credentials().list().is_empty());
+    let allowed = "nobody has a credential yet, so nobody could come in: \
+                   hapticd pair NAME --role ROLE makes one, with the same --config and \
+                   --state-dir; insecure = true (--insecure) asks nobody for any";
+    ensure!(!nobody, FieldError::new("server.listen", config.listen, allowed));
+    let audit = AuditLog::open(state_dir)
+        .with_context(|| format!("cannot write the audit log in {}", state_dir.display()))?;
+    Ok(Gate::new(keyring, audit))
+}
+
+/// Who hears what is said on plain HTTP.
+fn reach(config: &ServerConfig) -> Reach {
+    let here = config.http_address().is_loopback() || !config.is_guarded();
+    if here { Reach::Here } else { Reach::Watchers }
+}
+
+/// With the certificate that browsers were said to trust, else with the server's own.
+fn https_security(config: &ServerConfig, identity: &Identity) -> anyhow::Result<Security> {
+    let Some((certificate, key)) = &config.https_files else {
+        return Ok(identity.https_security()?);
+    };
+    Ok(Identity::load(certificate, key)?.https_security()?)
 }
 
 /// The machine's own name is one of the server's.

@@ -1,6 +1,7 @@
 //! The service runtime: gRPC, HTTP, upkeep of the metrics, and the ear for signals.
 
 use std::future::Future;
+use std::net::TcpListener;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -10,14 +11,59 @@ use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
 use super::Signals;
-use crate::archive::Archive;
-use crate::net::{self, Door, HttpParts, SessionDesk};
+use crate::clock::now_ns;
+use crate::net::{self, Door, GrpcParts, HttpParts, Reach, Security};
 
 /// Time for open calls to be answered when the daemon stops.
 const FAREWELL: Duration = Duration::from_millis(500);
 
 /// Between two upkeeps of the metrics.
 const UPKEEP: Duration = Duration::from_secs(2);
+
+/// Between two looks for changed credentials.
+const LOOK: Duration = Duration::from_millis(500);
+
+/// Bound, with what is spoken on each.
+#[derive(Debug)]
+pub struct Listeners {
+    /// gRPC.
+    pub grpc: (TcpListener, Security),
+    /// Plain HTTP.
+    pub http: (TcpListener, Reach),
+    /// HTTPS.
+    pub https: Option<(TcpListener, Security)>,
+}
+
+impl Listeners {
+    /// Inside a runtime.
+    fn into_doors(self) -> std::io::Result<Vec<Served>> {
+        let (grpc, security) = self.grpc;
+        let (http, reach) = self.http;
+        let door = |listener, security, as_what| {
+            Door::new(listener, security).map(|door| Served { door, as_what })
+        };
+        let mut doors =
+            vec![door(grpc, security, As::Grpc)?, door(http, Security::Plain, As::Http(reach))?];
+        if let Some((https, security)) = self.https {
+            doors.push(door(https, security, As::Http(Reach::Encrypted))?);
+        }
+        Ok(doors)
+    }
+}
+
+/// A door and what is behind it.
+#[derive(Debug)]
+struct Served {
+    door: Door,
+    as_what: As,
+}
+
+/// What is behind a door.
+#[derive(Clone, Copy, Debug)]
+enum As {
+    Grpc,
+    Http(Reach),
+}
 
 /// What is served, and how its end is asked for. Prepared first, serving later, so that all
 /// the system may refuse is known before there is anything to serve.
@@ -26,17 +72,14 @@ pub struct Services {
     /// `None` once it has stopped.
     runtime: Option<Runtime>,
     signals: Signals,
-    doors: Option<(Door, Door)>,
+    doors: Vec<Served>,
     shutdown: watch::Sender<bool>,
     serving: Vec<JoinHandle<()>>,
 }
 
 impl Services {
     /// Takes the bound listeners and begins to hear signals.
-    pub fn prepare(
-        grpc: std::net::TcpListener,
-        http: std::net::TcpListener,
-    ) -> anyhow::Result<Self> {
+    pub fn prepare(listeners: Listeners) -> anyhow::Result<Self> {
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(1)
             .thread_name("hapticd-services")
@@ -45,41 +88,45 @@ impl Services {
             .context("cannot start the thread of the services")?;
         let inside = runtime.enter();
         let signals = Signals::register().context("cannot listen to signals")?;
-        let doors = Some((Door::new(grpc)?, Door::new(http)?));
+        let doors = listeners.into_doors()?;
         drop(inside);
         let (shutdown, _) = watch::channel(false);
         Ok(Self { runtime: Some(runtime), signals, doors, shutdown, serving: Vec::new() })
     }
 
     /// Begins to serve.
-    pub fn serve(&mut self, http_parts: HttpParts, sessions: SessionDesk, archive: Arc<Archive>) {
-        let (Some(runtime), Some((grpc, http))) = (&self.runtime, self.doors.take()) else {
-            return;
-        };
-        let stopped = self.shutdown.subscribe();
-        let http_port = http.port();
-        let browser = Arc::clone(&http_parts.browser);
-        let (scrape, hosts) = (http_parts.scrape.clone(), http_parts.hosts.clone());
-        let serving = net::serve_grpc(grpc, http_port, hosts, sessions, archive, stopped.clone());
-        self.serving.push(runtime.spawn(async move {
-            if let Err(error) = serving.await {
-                tracing::error!(%error, "the services stopped");
-            }
+    pub fn serve(&mut self, http: &HttpParts, grpc: GrpcParts) -> anyhow::Result<()> {
+        let Some(runtime) = &self.runtime else { return Ok(()) };
+        let (scrape, browser) = (http.scrape.clone(), Arc::clone(&http.browser));
+        let gate = Arc::clone(&grpc.gate);
+        let routes = net::grpc_routes(grpc, self.shutdown.subscribe());
+        let routes = runtime.block_on(routes).context("cannot set up the services")?;
+        for Served { door, as_what } in self.doors.drain(..) {
+            let (routes, stopped) = (routes.clone(), self.shutdown.subscribe());
+            let http = http.clone();
+            self.serving.push(runtime.spawn(async move {
+                let served = match as_what {
+                    As::Grpc => net::serve_grpc(door, routes, stopped).await,
+                    As::Http(reach) => {
+                        let served = net::serve_http(door, reach, http, routes, stopped).await;
+                        served.map_err(anyhow::Error::from)
+                    }
+                };
+                if let Err(error) = served {
+                    tracing::error!(%error, ?as_what, "a service stopped");
+                }
+            }));
+        }
+        runtime.spawn(every(UPKEEP, move || {
+            scrape.upkeep();
+            browser.renew();
         }));
-        let serving = net::serve_http(http, http_parts, stopped);
-        self.serving.push(runtime.spawn(async move {
-            if let Err(error) = serving.await {
-                tracing::error!(%error, "HTTP stopped");
-            }
+        runtime.spawn(every(LOOK, move || {
+            let gate = Arc::clone(&gate);
+            // A disk may take its time.
+            drop(tokio::task::spawn_blocking(move || gate.refresh(now_ns())));
         }));
-        runtime.spawn(async move {
-            let mut interval = tokio::time::interval(UPKEEP);
-            loop {
-                interval.tick().await;
-                scrape.upkeep();
-                browser.renew();
-            }
-        });
+        Ok(())
     }
 
     /// Waits for Ctrl-C or SIGTERM, at most until `until`; true when one has come, be it
@@ -110,6 +157,14 @@ impl Services {
             runtime.block_on(ended(serving, until));
         }
         runtime.shutdown_timeout(FAREWELL);
+    }
+}
+
+async fn every(period: Duration, work: impl Fn() + Send + 'static) {
+    let mut interval = tokio::time::interval(period);
+    loop {
+        interval.tick().await;
+        work();
     }
 }
 

@@ -16,8 +16,10 @@ pub struct Sockets {
     pub sealed: UdpSocket,
     /// gRPC.
     pub grpc: TcpListener,
-    /// Metrics and health.
+    /// Plain HTTP.
     pub http: TcpListener,
+    /// HTTPS, beyond loopback.
+    pub https: Option<TcpListener>,
 }
 
 impl Sockets {
@@ -30,7 +32,10 @@ impl Sockets {
             stream: bind("stream_port", ip, config.stream_port, or_free, udp)?,
             sealed: bind("udp_port", ip, config.udp_port, or_free, udp)?,
             grpc: bind("grpc_port", ip, config.grpc_port, or_free, tcp)?,
-            http: bind("http_port", ip, config.http_port, or_free, tcp)?,
+            http: bind("http_port", config.http_address(), config.http_port, or_free, tcp)?,
+            https: (!ip.is_loopback())
+                .then(|| bind("https_port", ip, config.https_port, or_free, tcp))
+                .transpose()?,
         })
     }
 }

@@ -31,6 +31,7 @@ mod record;
 mod recording;
 mod replay;
 mod scene;
+mod scene_figures;
 mod scene_file;
 mod serve;
 mod sessions;

@@ -1,9 +1,9 @@
 //! `hapticd ctl object`: whatever the resident scene can hold.
 
+use crate::client::Authorized;
 use anyhow::bail;
 use clap::{Args, Subcommand};
 use serde_json::json;
-use tonic::transport::Channel;
 
 use super::ctl::plain;
 use super::object_fields::{Fields, KindName};
@@ -93,7 +93,7 @@ impl ObjectCommand {
     /// Does it and prints the object as the server has it then.
     pub async fn run(
         self,
-        scenes: &mut SceneServiceClient<Channel>,
+        scenes: &mut SceneServiceClient<Authorized>,
         device: &str,
         as_json: bool,
     ) -> anyhow::Result<()> {
@@ -110,7 +110,7 @@ impl ObjectCommand {
 
 /// The objects of one scene, for commands.
 pub struct Objects<'a> {
-    scenes: &'a mut SceneServiceClient<Channel>,
+    scenes: &'a mut SceneServiceClient<Authorized>,
     /// Its resource name.
     scene: String,
     as_json: bool,
@@ -120,7 +120,11 @@ pub struct Objects<'a> {
 
 impl<'a> Objects<'a> {
     /// Those of a device.
-    pub fn new(scenes: &'a mut SceneServiceClient<Channel>, device: &str, as_json: bool) -> Self {
+    pub fn new(
+        scenes: &'a mut SceneServiceClient<Authorized>,
+        device: &str,
+        as_json: bool,
+    ) -> Self {
         Self { scenes, scene: format!("{device}/scene"), as_json, only_walls: false }
     }
 

@@ -60,7 +60,7 @@ pub struct Pair {
     days: Option<i64>,
     /// Where clients reach the server; by default the address that it listens on, or where that
     /// is all of them, this machine's own
-    #[arg(long, value_name = "HOST")]
+    #[arg(long, value_name = "HOST", allow_hyphen_values = true)]
     host: Option<String>,
     /// Take the place of a credential of that name, whose token is worth nothing then
     #[arg(long)]

@@ -5,10 +5,10 @@ use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use crate::client::Authorized;
 use anyhow::{Context, bail, ensure};
 use clap::Args;
 use serde_json::json;
-use tonic::transport::Channel;
 
 use super::ctl::plain;
 use super::format;
@@ -26,7 +26,7 @@ const LOOK: Duration = Duration::from_millis(100);
 /// For what came until Ctrl-C to be on the server's disk.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-type Client = RecordingServiceClient<Channel>;
+type Client = RecordingServiceClient<Authorized>;
 
 /// Record what a running device senses and decides, tick by tick.
 #[derive(Debug, Args)]

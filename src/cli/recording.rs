@@ -3,10 +3,10 @@
 use std::fs::File;
 use std::path::PathBuf;
 
+use crate::client::Authorized;
 use anyhow::Context;
 use clap::Subcommand;
 use serde_json::{Value, json};
-use tonic::transport::Channel;
 
 use super::ctl::plain;
 use super::record::download;
@@ -58,7 +58,7 @@ pub enum RecordingCommand {
     },
 }
 
-type Client = RecordingServiceClient<Channel>;
+type Client = RecordingServiceClient<Authorized>;
 
 impl RecordingCommand {
     /// Does it and prints the answer.

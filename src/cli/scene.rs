@@ -7,6 +7,7 @@ use clap::{Args, Subcommand};
 use tokio::time::MissedTickBehavior;
 
 use super::format::{device_resource, parse_seconds};
+use super::scene_figures::Figures;
 use crate::app::Signals;
 use crate::client::{Client, ClientError, ConnectString, Incoming, Options, Transport};
 use crate::proto::{ByeReason, Contact, HalfSpaceContact, Role, contact::Shape};
@@ -32,7 +33,7 @@ enum Which {
 #[command(after_help = "Examples:
   hapticd scene wall --connect 127.0.0.1:7351 --seconds 30
   hapticd scene wall --connect 'hapticd://127.0.0.1:7351/?sha256=...' --stiffness 500
-  hapticd scene wall --transport udp --seconds 30")]
+  hapticd scene wall --transport udp --seconds 30 --json")]
 struct Wall {
     /// Where the server is: the line that `serve` prints, or HOST:PORT on this machine
     #[arg(long, value_name = "STRING", default_value = "127.0.0.1:7351")]
@@ -59,6 +60,9 @@ struct Wall {
     /// Its friction coefficient
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     friction: f32,
+    /// Print the figures of the run as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 /// A wall holds this long without a newer command: through a burst of losses, and a scene that
@@ -125,7 +129,7 @@ impl Wall {
             }
         };
         tokio::pin!(over);
-        let (mut commands, mut newest) = (0u64, 0);
+        let (mut commands, mut newest, mut figures) = (0u64, 0, Figures::new());
         let mut overdue = tokio::time::interval(AT_LEAST);
         overdue.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
@@ -134,6 +138,7 @@ impl Wall {
                 incoming = client.next() => match incoming {
                     Ok(Incoming::State(state)) => {
                         newest = state.seq.max(newest);
+                        figures.saw(&state, client.now_ns());
                         true
                     }
                     Ok(Incoming::Event(_) | Incoming::RoundTrip(_)) => false,
@@ -163,7 +168,10 @@ impl Wall {
                 Err(error) => return Err(error.into()),
             }
         }
-        eprintln!("scene wall: {commands} commands sent");
+        eprintln!("scene wall: {}", figures.in_words(commands));
+        if self.json {
+            say!("{}", figures.to_json(commands));
+        }
         Ok(())
     }
 

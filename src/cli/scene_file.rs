@@ -7,10 +7,10 @@ use std::fs::File;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
+use crate::client::Authorized;
 use anyhow::{Context, bail};
 use clap::{Args, Subcommand};
 use serde_json::{Value, json};
-use tonic::transport::Channel;
 
 use super::ctl::plain;
 use super::object::counted;
@@ -68,7 +68,7 @@ impl SceneCommand {
     /// Does it and prints the answer.
     pub async fn run(
         self,
-        scenes: &mut SceneServiceClient<Channel>,
+        scenes: &mut SceneServiceClient<Authorized>,
         device: &str,
         as_json: bool,
     ) -> anyhow::Result<()> {
@@ -110,7 +110,7 @@ impl SceneCommand {
     }
 }
 
-async fn get(scenes: &mut SceneServiceClient<Channel>, name: String) -> anyhow::Result<Scene> {
+async fn get(scenes: &mut SceneServiceClient<Authorized>, name: String) -> anyhow::Result<Scene> {
     Ok(scenes.get_scene(GetSceneRequest { name }).await.map_err(plain)?.into_inner())
 }
 
@@ -133,7 +133,7 @@ fn write_whole(file: &Path, text: &str) -> std::io::Result<()> {
 }
 
 async fn watch(
-    scenes: &mut SceneServiceClient<Channel>,
+    scenes: &mut SceneServiceClient<Authorized>,
     name: String,
     as_json: bool,
 ) -> anyhow::Result<()> {

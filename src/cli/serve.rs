@@ -20,6 +20,7 @@ use crate::device::HandProgram;
   hapticd serve --device two-link --hand circle
   hapticd serve --device left=cho-2005 --device right=cho-2005
   hapticd serve --config hapticd.toml --state-dir /var/lib/hapticd
+  hapticd pair anna --role controller --host 192.0.2.20 && hapticd serve --listen 192.0.2.20
 
 Then, in another terminal:  hapticd scene wall --connect 127.0.0.1:7351 --seconds 30")]
 pub struct Serve {
@@ -46,7 +47,7 @@ pub struct Settings {
     /// Address to listen on
     #[arg(long, value_name = "ADDRESS")]
     pub listen: Option<IpAddr>,
-    /// Listen beyond this machine without credentials
+    /// Ask nobody for a credential beyond this machine either
     #[arg(long)]
     pub insecure: bool,
 }
@@ -84,6 +85,8 @@ impl Serve {
             devices = names(&daemon).join(", "),
             grpc = %daemon.grpc_address,
             http = %format!("http://{}/metrics", daemon.http_address),
+            https = daemon.https_address.map(|address| format!("https://{address}")),
+            credentials = if config.is_guarded() { "needed" } else { "not needed" },
             "serving; Ctrl-C stops"
         );
         daemon.wait_for_signal(None);
@@ -97,7 +100,8 @@ fn names(daemon: &Daemon) -> Vec<String> {
     daemon.devices().iter().map(|device| device.host().definition().name.to_string()).collect()
 }
 
-/// Plain, alone on its line and flushed: programs read it. One that does not want it leaves
+/// Plain, alone on its line and flushed: programs read it. It has no token, which `pair` shows to
+/// whom it is for. One that does not want it leaves
 /// the server as it is.
 fn announce(connect: &ConnectString) -> std::io::Result<()> {
     let mut out = std::io::stdout().lock();

@@ -1,8 +1,8 @@
 //! `hapticd ctl session` and `ctl lease`: who is connected, and who commands.
 
+use crate::client::Authorized;
 use clap::Subcommand;
 use serde_json::{Value, json};
-use tonic::transport::Channel;
 
 use super::ctl::plain;
 use super::format::word;
@@ -61,7 +61,7 @@ pub enum LeaseCommand {
     },
 }
 
-type Client = SessionServiceClient<Channel>;
+type Client = SessionServiceClient<Authorized>;
 
 impl SessionCommand {
     /// Does it and prints the answer; `device` is empty for all.

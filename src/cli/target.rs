@@ -5,10 +5,7 @@ use clap::Args;
 
 use super::ctl::plain;
 use super::format::device_resource;
-use crate::client::{
-    ConnectString, DEFAULT_GRPC_PORT, DEFAULT_STREAM_PORT, Services, ServicesError, services,
-    services_in_plaintext,
-};
+use crate::client::{ConnectString, DEFAULT_GRPC_PORT, DEFAULT_STREAM_PORT, Services, services};
 use crate::proto::ListDevicesRequest;
 
 /// Arguments that say so.
@@ -20,9 +17,6 @@ pub struct Target {
     /// Which device, where there are several
     #[arg(long, global = true, value_name = "NAME")]
     device: Option<String>,
-    /// Talk to another machine although the services are not encrypted
-    #[arg(long, global = true)]
-    insecure: bool,
 }
 
 impl Target {
@@ -47,20 +41,10 @@ impl Target {
             !elsewhere || target.sha256.is_some(),
             "{target} does not say where the services are: use the whole connect string that `serve` prints (with grpc=PORT)"
         );
-        let connected = if self.insecure {
-            services_in_plaintext(target).await
-        } else {
-            services(target).await
-        };
-        match connected {
-            Err(error @ ServicesError::Plaintext { .. }) => {
-                bail!("{error}; --insecure talks to it all the same")
-            }
-            connected => connected.with_context(|| {
-                let authority = target.grpc_authority();
-                format!("cannot reach the services at {authority}; is `hapticd serve` running? On another gRPC port, use the whole connect string")
-            }),
-        }
+        services(target).await.with_context(|| {
+            let authority = target.grpc_authority();
+            format!("cannot reach the services at {authority}; is `hapticd serve` running? On another gRPC port, use the whole connect string")
+        })
     }
 }
 

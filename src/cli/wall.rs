@@ -1,7 +1,7 @@
 //! `hapticd ctl wall`: the short way for half-spaces of the resident scene.
 
+use crate::client::Authorized;
 use clap::{Args, Subcommand};
-use tonic::transport::Channel;
 
 use super::format::parse_vector;
 use super::object::Objects;
@@ -99,7 +99,7 @@ impl WallCommand {
     /// Does it and prints the wall as the server has it then.
     pub async fn run(
         self,
-        scenes: &mut SceneServiceClient<Channel>,
+        scenes: &mut SceneServiceClient<Authorized>,
         device: &str,
         as_json: bool,
     ) -> anyhow::Result<()> {

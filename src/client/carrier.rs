@@ -1,7 +1,7 @@
 //! What carries a client's session: datagrams and a reliable stream over QUIC, over
 //! WebTransport, or over sealed UDP.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use quinn::{Endpoint, VarInt};
 use web_transport_quinn::{ReadError, RecvStream, SendStream, Session, SessionError};
@@ -17,6 +17,9 @@ const CHUNK_BYTES: usize = 64 * 1024;
 
 /// Time for a farewell to be heard.
 const FAREWELL: Duration = Duration::from_millis(500);
+
+/// A server that was silent for this long is gone: it sends pings, if nothing else.
+const SILENCE: Duration = Duration::from_secs(3);
 
 /// One thing that came.
 #[derive(Debug)]
@@ -47,7 +50,8 @@ impl Carrier {
                 let hello = StreamMessage { body: Some(Message::Hello(hello)) };
                 send.write_all(&encode_frame(&hello)).await?;
                 let (frames, chunk) = (FrameDecoder::default(), bytes::Bytes::new());
-                let stream = Stream { session, endpoint, send, receive, frames, chunk };
+                let stream =
+                    Stream { session, endpoint, send, receive, frames, chunk, heard: None };
                 Ok(Self::Stream(Box::new(stream)))
             }
         }
@@ -56,7 +60,11 @@ impl Carrier {
     /// The next thing that comes. Cancel safe.
     pub async fn hear(&mut self) -> Result<Heard, ClientError> {
         match self {
-            Self::Stream(stream) => stream.hear().await,
+            Self::Stream(stream) => {
+                let heard = stream.hear().await?;
+                stream.heard = Some(Instant::now());
+                Ok(heard)
+            }
             Self::Sealed(sealed) => sealed.hear().await,
         }
     }
@@ -95,6 +103,8 @@ pub(super) struct Stream {
     frames: FrameDecoder,
     /// Bytes read and not yet decoded.
     chunk: bytes::Bytes,
+    /// When something came last; `None` until there is an answer to Hello.
+    heard: Option<Instant>,
 }
 
 impl Stream {
@@ -110,6 +120,10 @@ impl Stream {
                     Err(ClientError::Lost(ended)) => ClientError::Lost(ended),
                     message => return message.map(Heard::Message),
                 }
+            }
+            () = silence(self.heard) => {
+                let said = format!("nothing came for {} s", SILENCE.as_secs());
+                return Err(ClientError::Lost(said));
             }
         };
         // What the server still said on the reliable stream before the connection ended, and
@@ -128,6 +142,14 @@ impl Stream {
         let connection: &quinn::Connection = &self.session;
         connection.close(VarInt::from_u32(0), b"done");
         let _ = tokio::time::timeout(FAREWELL, self.endpoint.wait_idle()).await;
+    }
+}
+
+/// Until a server that has answered is silent for too long.
+async fn silence(heard: Option<Instant>) {
+    match heard {
+        Some(heard) => tokio::time::sleep_until((heard + SILENCE).into()).await,
+        None => std::future::pending().await,
     }
 }
 

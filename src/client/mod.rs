@@ -32,6 +32,6 @@ pub use connect_string::{
     ConnectString, ConnectStringError, DEFAULT_GRPC_PORT, DEFAULT_STREAM_PORT, DEFAULT_UDP_PORT,
 };
 pub use error::ClientError;
-pub use services::{Devices, Services, ServicesError, services, services_in_plaintext, told};
+pub use services::{Authorized, Bearer, Devices, Services, ServicesError, services, told};
 pub use stream::{Client, Incoming, Options};
 pub use transport::Transport;

@@ -4,16 +4,28 @@
 //! server that is silent or gone is an error and never a wait without end. What is streamed
 //! after a first answer may take as long as it likes.
 
+use std::sync::Arc;
 use std::time::Duration;
 
+use http::Uri;
+use hyper_util::rt::TokioIo;
+use rustls::pki_types::ServerName;
+use tokio::net::TcpStream;
+use tokio_rustls::TlsConnector;
+use tokio_rustls::client::TlsStream;
+use tonic::metadata::{Ascii, MetadataValue};
+use tonic::service::Interceptor;
+use tonic::service::interceptor::InterceptedService;
 use tonic::transport::{Channel, Endpoint};
-use tonic::{Code, Status};
+use tonic::{Code, Request, Status};
 
 use super::ConnectString;
+use super::verify::ByFingerprint;
 use crate::proto::device_service_client::DeviceServiceClient;
 use crate::proto::recording_service_client::RecordingServiceClient;
 use crate::proto::scene_service_client::SceneServiceClient;
 use crate::proto::session_service_client::SessionServiceClient;
+use crate::quic::{self, PINNED_NAME};
 
 /// Time for a connection.
 const CONNECT: Duration = Duration::from_secs(3);
@@ -24,8 +36,11 @@ const ANSWER: Duration = Duration::from_secs(10);
 /// Between two looks whether the server is still there, and time for its sign of life.
 const KEEP_ALIVE: Duration = Duration::from_secs(5);
 
+/// A channel that shows the credential of the connect string with every call.
+pub type Authorized = InterceptedService<Channel, Bearer>;
+
 /// A client of the DeviceService.
-pub type Devices = DeviceServiceClient<Channel>;
+pub type Devices = DeviceServiceClient<Authorized>;
 
 /// Clients of the services on one channel.
 #[derive(Clone, Debug)]
@@ -33,55 +48,142 @@ pub struct Services {
     /// Devices: describe, watch, switch.
     pub devices: Devices,
     /// Resident scenes.
-    pub scenes: SceneServiceClient<Channel>,
+    pub scenes: SceneServiceClient<Authorized>,
     /// Who is connected, and who commands.
-    pub sessions: SessionServiceClient<Channel>,
+    pub sessions: SessionServiceClient<Authorized>,
     /// Recordings.
-    pub recordings: RecordingServiceClient<Channel>,
+    pub recordings: RecordingServiceClient<Authorized>,
 }
 
 /// Why there are no services.
 #[derive(Debug, thiserror::Error)]
 pub enum ServicesError {
-    /// They are plaintext, and the server is elsewhere.
+    /// A server elsewhere can only be known by its certificate's hash.
     #[error(
-        "{host} is not this machine, and the services are not encrypted: whoever is on the way can read and change what is said, and command the device"
+        "{host} is not this machine: use the whole connect string that the server prints (with sha256=...)"
     )]
-    Plaintext { host: String },
+    HashNeeded { host: String },
+    /// Another server than the one in the connect string.
+    #[error(
+        "the server at {authority} is not the one in the connect string: its certificate has another sha256"
+    )]
+    WrongServer { authority: String },
+    /// The token is no text of a header.
+    #[error("token: it has characters that no credential has")]
+    Token,
+    /// The certificates cannot be set up.
+    #[error("cannot set up TLS: {0}")]
+    Tls(#[from] rustls::Error),
     /// No connection.
     #[error("cannot connect to {authority}: {source}")]
     Connect { authority: String, source: tonic::transport::Error },
 }
 
-/// Connects to the services of a server on this machine. They are plaintext, so others are
-/// refused; see [`services_in_plaintext`].
-pub async fn services(target: &ConnectString) -> Result<Services, ServicesError> {
-    if !target.is_loopback() {
-        return Err(ServicesError::Plaintext { host: target.host.clone() });
+/// Puts `authorization: Bearer TOKEN` on every call.
+#[derive(Clone)]
+pub struct Bearer(Option<MetadataValue<Ascii>>);
+
+impl Bearer {
+    fn new(token: Option<&str>) -> Result<Self, ServicesError> {
+        let Some(token) = token else { return Ok(Self(None)) };
+        let value = format!("Bearer {token}").parse();
+        let mut value: MetadataValue<Ascii> = value.map_err(|_| ServicesError::Token)?;
+        value.set_sensitive(true);
+        Ok(Self(Some(value)))
     }
-    services_in_plaintext(target).await
 }
 
-/// The same wherever the server is, for networks that are trusted as a whole.
-pub async fn services_in_plaintext(target: &ConnectString) -> Result<Services, ServicesError> {
+impl Interceptor for Bearer {
+    fn call(&mut self, mut request: Request<()>) -> Result<Request<()>, Status> {
+        if let Some(value) = &self.0 {
+            request.metadata_mut().insert("authorization", value.clone());
+        }
+        Ok(request)
+    }
+}
+
+/// Never the secret.
+impl std::fmt::Debug for Bearer {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Bearer(..)")
+    }
+}
+
+/// Connects to the services of a server: over TLS, by the hash of its certificate, where it is
+/// elsewhere or wants a credential; in plaintext on this machine.
+pub async fn services(target: &ConnectString) -> Result<Services, ServicesError> {
+    if target.sha256.is_none() && !target.is_loopback() {
+        return Err(ServicesError::HashNeeded { host: target.host.clone() });
+    }
+    let bearer = Bearer::new(target.token.as_deref())?;
+    let channel = channel(target).await?;
+    let authorized = || InterceptedService::new(channel.clone(), bearer.clone());
+    Ok(Services {
+        devices: DeviceServiceClient::new(authorized()),
+        scenes: SceneServiceClient::new(authorized()),
+        sessions: SessionServiceClient::new(authorized()),
+        recordings: RecordingServiceClient::new(authorized()),
+    })
+}
+
+async fn channel(target: &ConnectString) -> Result<Channel, ServicesError> {
     let authority = target.grpc_authority();
-    let connected = async {
-        Endpoint::from_shared(format!("http://{authority}"))?
+    let endpoint = |scheme| {
+        let endpoint = Endpoint::from_shared(format!("{scheme}://{authority}"))?;
+        Ok(endpoint
             .connect_timeout(CONNECT)
             .timeout(ANSWER)
             .http2_keep_alive_interval(KEEP_ALIVE)
             .keep_alive_timeout(KEEP_ALIVE)
-            .keep_alive_while_idle(true)
-            .connect()
-            .await
+            .keep_alive_while_idle(true))
     };
-    let channel = connected.await.map_err(|source| ServicesError::Connect { authority, source })?;
-    Ok(Services {
-        devices: DeviceServiceClient::new(channel.clone()),
-        scenes: SceneServiceClient::new(channel.clone()),
-        sessions: SessionServiceClient::new(channel.clone()),
-        recordings: RecordingServiceClient::new(channel),
-    })
+    let failed = |source| connect_error(authority.clone(), source);
+    if target.is_loopback() && target.token.is_none() {
+        return endpoint("http").map_err(failed)?.connect().await.map_err(failed);
+    }
+    let tls = tls(target)?;
+    let (host, port) = (target.host.clone(), target.grpc_port);
+    // The scheme that tonic leaves to its connector: with `https` it would want to do TLS itself.
+    let connector = tower::service_fn(move |_: Uri| secure(host.clone(), port, tls.clone()));
+    endpoint("http").map_err(failed)?.connect_with_connector(connector).await.map_err(failed)
+}
+
+fn tls(target: &ConnectString) -> Result<TlsConnector, rustls::Error> {
+    let provider = quic::provider();
+    let verifier = ByFingerprint { sha256: target.sha256, provider: Arc::clone(&provider) };
+    let mut config = rustls::ClientConfig::builder_with_provider(provider)
+        .with_protocol_versions(&[&rustls::version::TLS13])?
+        .dangerous() // the hash decides, not a chain of signatures
+        .with_custom_certificate_verifier(Arc::new(verifier))
+        .with_no_client_auth();
+    config.alpn_protocols = vec![b"h2".to_vec()];
+    Ok(TlsConnector::from(Arc::new(config)))
+}
+
+async fn secure(
+    host: String,
+    port: u16,
+    tls: TlsConnector,
+) -> std::io::Result<TokioIo<TlsStream<TcpStream>>> {
+    let stream = TcpStream::connect((host, port)).await?;
+    stream.set_nodelay(true)?;
+    let name = ServerName::try_from(PINNED_NAME).map_err(std::io::Error::other)?;
+    Ok(TokioIo::new(tls.connect(name, stream).await?))
+}
+
+/// The verifier's refusal is the cause of the cause of what the channel says.
+fn connect_error(authority: String, source: tonic::transport::Error) -> ServicesError {
+    let causes =
+        std::iter::successors(Some(&source as &(dyn std::error::Error + 'static)), |e| e.source());
+    let refused = |error: &(dyn std::error::Error + 'static)| {
+        let io = error.downcast_ref::<std::io::Error>().and_then(std::io::Error::get_ref);
+        let tls = io.and_then(|inner| inner.downcast_ref::<rustls::Error>());
+        matches!(tls, Some(rustls::Error::InvalidCertificate(_)))
+    };
+    match causes.into_iter().any(refused) {
+        true => ServicesError::WrongServer { authority },
+        false => ServicesError::Connect { authority, source },
+    }
 }
 
 /// A refusal in the server's own words, or that there were none.

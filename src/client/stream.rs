@@ -74,7 +74,7 @@ impl Options {
         }
     }
 
-    fn hello(&self) -> Hello {
+    fn hello(&self, token: Option<&str>) -> Hello {
         let us = |duration: Duration| u32::try_from(duration.as_micros()).unwrap_or(u32::MAX);
         Hello {
             versions: vec![PROTOCOL.to_owned()],
@@ -89,6 +89,7 @@ impl Options {
             workspace: self.workspace.clone(),
             ticket: self.ticket.clone(),
             deadband: self.deadband,
+            token: token.unwrap_or_default().to_owned(),
         }
     }
 }
@@ -140,7 +141,9 @@ impl Client {
     }
 
     async fn attempt(target: &ConnectString, options: &Options) -> Result<Self, ClientError> {
-        let mut carrier = Carrier::open(target, options.transport, options.hello()).await?;
+        let mut carrier =
+            Carrier::open(target, options.transport, options.hello(target.token.as_deref()))
+                .await?;
         let welcome = loop {
             match carrier.hear().await? {
                 Heard::Message(Message::Welcome(welcome)) => break welcome,

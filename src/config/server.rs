@@ -2,10 +2,10 @@
 //!
 //! Every key is optional; [`EXAMPLE`] shows all of them with their defaults. What a command
 //! line says ([`Overrides`]) takes the place of the file's value before anything is checked.
-//! Listening beyond loopback without credentials has to be asked for in so many words.
+//! Beyond loopback everybody needs a credential, unless that is switched off in so many words.
 
 use std::ffi::OsString;
-use std::net::{IpAddr, Ipv4Addr};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 use std::path::PathBuf;
 
 use serde::Deserialize;
@@ -34,8 +34,16 @@ pub struct ServerConfig {
     pub names: Vec<String>,
     /// Pages from elsewhere that may connect.
     pub origins: Vec<String>,
-    /// TCP port of HTTP, 0 for any free one.
+    /// TCP port of plain HTTP, 0 for any free one.
     pub http_port: u16,
+    /// Address of plain HTTP, where it is not [`ServerConfig::http_address`]'s own choice.
+    pub http_listen: Option<IpAddr>,
+    /// TCP port of HTTPS, 0 for any free one.
+    pub https_port: u16,
+    /// Certificate of HTTPS and its key, PEM files; `None`: the server's own.
+    pub https_files: Option<(PathBuf, PathBuf)>,
+    /// Credentials are needed on loopback as well.
+    pub require_credentials: bool,
     /// Listening beyond loopback without credentials was asked for.
     pub insecure: bool,
     /// What is served; at least one.
@@ -156,8 +164,12 @@ impl Default for ServerConfig {
             stream_port: 7351,
             udp_port: 7352,
             http_port: 7353,
+            http_listen: None,
+            https_port: 7354,
+            https_files: None,
             names: Vec::new(),
             origins: Vec::new(),
+            require_credentials: false,
             insecure: false,
             devices: vec![ServedDevice::default()],
             realtime: RealtimePolicy::default(),
@@ -200,17 +212,31 @@ impl ServerConfig {
         config.state_dir = over.state_dir.or(config.state_dir);
         config.listen = over.listen.unwrap_or(config.listen);
         config.insecure |= over.insecure;
-        config.check_exposure().map_err(ConfigError::field(file))?;
+        if config.insecure && config.require_credentials {
+            let allowed = "must be false where server.require_credentials is true";
+            return Err(ConfigError::field(file)(FieldError::new(
+                "server.insecure",
+                true,
+                allowed,
+            )));
+        }
         Ok(config)
     }
 
-    fn check_exposure(&self) -> Result<(), FieldError> {
-        if self.listen.is_loopback() || self.insecure {
-            return Ok(());
-        }
-        let allowed = "must be a loopback address: beyond it everyone could command the device; \
-                       insecure = true (--insecure) allows that";
-        Err(FieldError::new("server.listen", self.listen, allowed))
+    /// Whether everybody is asked for a credential: beyond loopback, unless that was switched off
+    /// in so many words, and wherever it was switched on.
+    pub fn is_guarded(&self) -> bool {
+        self.require_credentials || !self.listen.is_loopback() && !self.insecure
+    }
+
+    /// Address of plain HTTP: nobody on the way is to hear it, unless that was asked for.
+    pub fn http_address(&self) -> IpAddr {
+        let here = || match self.listen {
+            _ if !self.is_guarded() => self.listen,
+            IpAddr::V4(_) => Ipv4Addr::LOCALHOST.into(),
+            IpAddr::V6(_) => Ipv6Addr::LOCALHOST.into(),
+        };
+        self.http_listen.unwrap_or_else(here)
     }
 }
 
@@ -311,21 +337,49 @@ mod tests {
     }
 
     #[test]
-    fn beyond_loopback_has_to_be_asked_for() {
-        for listen in ["0.0.0.0", "192.168.1.2", "::", "2001:db8::1"] {
+    fn beyond_loopback_credentials_are_needed_and_plain_http_stays_here() {
+        for (listen, http) in [
+            ("0.0.0.0", "127.0.0.1"),
+            ("192.168.1.2", "127.0.0.1"),
+            ("::", "::1"),
+            ("2001:db8::1", "::1"),
+        ] {
             let text = format!("[server]\nlisten = \"{listen}\"\n");
-            let said = refusal(&text);
-            assert!(said.contains("server.listen") && said.contains("insecure = true"), "{said}");
-            assert!(ServerConfig::from_toml(&format!("{text}insecure = true"), "f").is_ok());
+            let config = ServerConfig::from_toml(&text, "f").unwrap();
+            assert!(config.is_guarded());
+            assert_eq!(config.http_address().to_string(), http);
+            let seen = format!("{text}http_listen = \"192.168.1.2\"");
+            let seen = ServerConfig::from_toml(&seen, "f").unwrap().http_address();
+            assert_eq!(seen.to_string(), "192.168.1.2");
+            let asked = ServerConfig::from_toml(&format!("{text}insecure = true"), "f").unwrap();
+            assert!(!asked.is_guarded());
+            assert_eq!(asked.http_address(), asked.listen);
             let over = Overrides { insecure: true, ..Overrides::default() };
-            assert!(ServerConfig::with_overrides(&text, "f", over).is_ok());
+            assert!(!ServerConfig::with_overrides(&text, "f", over).unwrap().is_guarded());
         }
         for listen in ["127.0.0.1", "127.3.2.1", "::1"] {
             let over = Overrides { listen: listen.parse().ok(), ..Overrides::default() };
-            assert!(ServerConfig::with_overrides("", "f", over).is_ok());
+            let config = ServerConfig::with_overrides("", "f", over).unwrap();
+            assert!(!config.is_guarded());
+            assert_eq!(config.http_address(), config.listen);
         }
-        let over = Overrides { listen: "0.0.0.0".parse().ok(), ..Overrides::default() };
-        assert!(ServerConfig::with_overrides("", "f", over).is_err());
+        let text = "[server]\nrequire_credentials = true\n";
+        assert!(ServerConfig::from_toml(text, "f").unwrap().is_guarded(), "on loopback, too");
+        let said = refusal(&format!("{text}insecure = true"));
+        assert!(said.contains("server.insecure = true: must be false where"), "{said}");
+    }
+
+    #[test]
+    fn a_certificate_comes_with_its_key() {
+        let text = "[server]\nhttps_certificate = \"a.pem\"\nhttps_key = \"b.pem\"\n";
+        let config = ServerConfig::from_toml(text, "f").unwrap();
+        assert_eq!(config.https_files, Some(("a.pem".into(), "b.pem".into())));
+        for (key, missing) in
+            [("https_certificate", "https_key"), ("https_key", "https_certificate")]
+        {
+            let said = refusal(&format!("[server]\n{key} = \"a.pem\""));
+            assert!(said.contains(&format!("server.{missing} = (none)")), "{said}");
+        }
     }
 
     #[test]

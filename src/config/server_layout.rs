@@ -39,6 +39,11 @@ struct AddressLayout {
     names: Option<Vec<String>>,
     origins: Option<Vec<String>>,
     http_port: Option<i64>,
+    http_listen: Option<String>,
+    https_port: Option<i64>,
+    https_certificate: Option<PathBuf>,
+    https_key: Option<PathBuf>,
+    require_credentials: bool,
     insecure: bool,
 }
 
@@ -64,13 +69,16 @@ impl ServerLayout {
         })
     }
 
-    /// The values of all tables; whether they may go together beyond loopback is not asked here.
+    /// The values of all tables.
     pub fn check(self, usual_device: &ServedDevice) -> Result<ServerConfig, FieldError> {
         let usual = ServerConfig::default();
         let devices = check_devices(self.device.as_deref(), usual_device, &self.devices)?;
         let Self { server, session, .. } = self;
         Ok(ServerConfig {
-            listen: server.listen.map_or(Ok(usual.listen), |text| check_listen(&text))?,
+            listen: match server.listen {
+                Some(text) => check_address("server.listen", &text)?,
+                None => usual.listen,
+            },
             grpc_port: whole("server.grpc_port", &units::PORT, server.grpc_port, usual.grpc_port)?,
             stream_port: whole(
                 "server.stream_port",
@@ -82,6 +90,18 @@ impl ServerLayout {
             names: texts("server.names", server.names, usual.names)?,
             origins: texts("server.origins", server.origins, usual.origins)?,
             http_port: whole("server.http_port", &units::PORT, server.http_port, usual.http_port)?,
+            http_listen: server
+                .http_listen
+                .map(|text| check_address("server.http_listen", &text))
+                .transpose()?,
+            https_port: whole(
+                "server.https_port",
+                &units::PORT,
+                server.https_port,
+                usual.https_port,
+            )?,
+            https_files: both(server.https_certificate, server.https_key)?,
+            require_credentials: server.require_credentials,
             insecure: server.insecure,
             devices,
             realtime: self.realtime,
@@ -175,7 +195,23 @@ fn whole<T: TryFrom<u64>>(
     T::try_from(range.check_whole(field, value)?).map_err(refusal)
 }
 
-fn check_listen(text: &str) -> Result<IpAddr, FieldError> {
+fn check_address(key: &str, text: &str) -> Result<IpAddr, FieldError> {
     let allowed = "must be an IP address, such as 127.0.0.1 or ::1";
-    text.parse().map_err(|_| FieldError::new("server.listen", format!("{text:?}"), allowed))
+    text.parse().map_err(|_| FieldError::new(key, format!("{text:?}"), allowed))
+}
+
+fn both(
+    certificate: Option<PathBuf>,
+    key: Option<PathBuf>,
+) -> Result<Option<(PathBuf, PathBuf)>, FieldError> {
+    let missing = |key: &str| {
+        let allowed = "must be a PEM file: a certificate and its key go together";
+        FieldError::new(key, "(none)", allowed)
+    };
+    match (certificate, key) {
+        (None, None) => Ok(None),
+        (Some(certificate), Some(key)) => Ok(Some((certificate, key))),
+        (None, Some(_)) => Err(missing("server.https_certificate")),
+        (Some(_), None) => Err(missing("server.https_key")),
+    }
 }

@@ -57,15 +57,24 @@ pub struct Holder {
 impl Holder {
     /// Whether it may do what needs `needed` on `device` (`devices/NAME`).
     pub fn check(&self, needed: Grant, device: &str) -> Result<(), NotAllowed> {
-        let Self { name, grant, device: own } = self;
-        if let Some(own) = own.as_ref().filter(|own| *own != device) {
-            let (name, own, device) = (name.clone(), own.clone(), device.to_owned());
-            return Err(NotAllowed::Device { name, own, device });
+        self.check_device(device)?;
+        self.check_grant(needed)
+    }
+
+    /// Whether it is for this device.
+    pub fn check_device(&self, device: &str) -> Result<(), NotAllowed> {
+        let Some(own) = self.device.as_ref().filter(|own| *own != device) else { return Ok(()) };
+        let (name, own, device) = (self.name.clone(), own.clone(), device.to_owned());
+        Err(NotAllowed::Device { name, own, device })
+    }
+
+    /// Whether it allows that much.
+    pub fn check_grant(&self, needed: Grant) -> Result<(), NotAllowed> {
+        let Self { name, grant, .. } = self;
+        if *grant >= needed {
+            return Ok(());
         }
-        if *grant < needed {
-            return Err(NotAllowed::Grant { name: name.clone(), grant: *grant, needed });
-        }
-        Ok(())
+        Err(NotAllowed::Grant { name: name.clone(), grant: *grant, needed })
     }
 }
 
@@ -83,6 +92,9 @@ pub enum NotAllowed {
 /// Why a token does not count.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Denied {
+    /// Nobody's at all.
+    #[error("a credential is needed here; hapticd pair on the server makes one")]
+    Missing,
     /// It is nobody's: wrong, revoked, or never issued. Which of them is not said.
     #[error("the credential is not known here; hapticd pair on the server makes one")]
     Unknown,
@@ -110,6 +122,9 @@ impl Credentials {
 
     /// Whose token this is.
     pub fn judge(&self, token: &str, now: Utc) -> Result<Holder, Denied> {
+        if token.is_empty() {
+            return Err(Denied::Missing);
+        }
         self.judge_hash(&TokenHash::of(token), now)
     }
 

@@ -5,15 +5,18 @@
 
 use tokio::sync::{mpsc, oneshot};
 
-use super::sealed_udp::{SealedUdp, SealedUdpOffer};
+use super::gate::{Caller, Refused};
+use super::guests::Guest;
+use super::hub::Hub;
+use super::sealed_udp::SealedUdpOffer;
 use crate::proto::{ByeReason, Hello, Welcome};
-use crate::session::{CallRefusal, Switchboard, Ticket};
+use crate::session::{CallRefusal, LeaseInfo, SessionId, Switchboard, Ticket};
 
 /// Questions that may wait.
 const WAITING: usize = 64;
 
 /// One question.
-type Call = Box<dyn FnOnce(&mut Switchboard, &mut SealedUdp, u64) + Send>;
+type Call = Box<dyn FnOnce(&mut Hub, u64) + Send>;
 
 /// The stream thread's end.
 pub struct SessionCalls(mpsc::Receiver<Call>);
@@ -23,6 +26,20 @@ pub struct SessionCalls(mpsc::Receiver<Call>);
 pub struct SessionDesk {
     ask: mpsc::Sender<Call>,
     udp_port: u16,
+}
+
+/// Why a call did nothing.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum DeskRefusal {
+    /// The sessions refuse it to everybody.
+    #[error(transparent)]
+    Call(#[from] CallRefusal),
+    /// It is not for this caller.
+    #[error(transparent)]
+    Caller(#[from] Refused),
+    /// There are no sessions any more.
+    #[error("the stream has ended")]
+    Ended,
 }
 
 /// Both ends; sealed UDP is heard on this port.
@@ -43,31 +60,56 @@ impl SessionDesk {
         &self,
         question: impl FnOnce(&mut Switchboard, u64) -> T + Send + 'static,
     ) -> Option<T> {
-        self.ask_both(move |board, _, now_ns| question(board, now_ns)).await
+        self.ask_hub(move |hub, now_ns| question(&mut hub.sessions, now_ns)).await
     }
 
     /// Opens a session for a stream that is to come with this ticket, or over sealed UDP with
     /// what was offered.
     pub async fn open(
         &self,
+        (caller, from): (Caller, String),
         hello: Hello,
         ticket: Ticket,
         offer: Option<SealedUdpOffer>,
-    ) -> Option<Result<Welcome, CallRefusal>> {
-        let open = move |board: &mut Switchboard, sealed: &mut SealedUdp, now_ns| {
-            if let Some(offer) = offer {
-                sealed.open(&offer, now_ns).map_err(|full| CallRefusal::Refused {
-                    reason: ByeReason::TooManySessions,
-                    detail: full.to_string(),
-                })?;
-            }
-            let opened = board.open(&hello, ticket, now_ns);
-            if let (Err(_), Some(offer)) = (&opened, &offer) {
-                sealed.forget(offer);
-            }
-            opened
+    ) -> Result<Welcome, DeskRefusal> {
+        let open =
+            move |hub: &mut Hub, now_ns| open(hub, (caller, from), &hello, ticket, offer, now_ns);
+        self.ask_hub(open).await.unwrap_or(Err(DeskRefusal::Ended))
+    }
+
+    /// Sends a session away.
+    pub async fn close(&self, caller: Caller, id: SessionId) -> Result<(), DeskRefusal> {
+        self.decide(caller, id, move |hub, _, now_ns| Ok(hub.sessions.close(id, now_ns)?)).await
+    }
+
+    /// Makes a session the controller of its device.
+    pub async fn acquire_lease(
+        &self,
+        caller: Caller,
+        id: SessionId,
+        takeover: bool,
+    ) -> Result<LeaseInfo, DeskRefusal> {
+        let acquire = move |hub: &mut Hub, caller: &Caller, now_ns| {
+            hub.guests.may_command(id)?;
+            let lease = hub.sessions.acquire_lease(id, takeover, now_ns)?;
+            hub.lease_changed(caller);
+            Ok(lease)
         };
-        self.ask_both(open).await
+        self.decide(caller, id, acquire).await
+    }
+
+    /// Makes the controller an observer.
+    pub async fn release_lease(
+        &self,
+        caller: Caller,
+        id: SessionId,
+    ) -> Result<LeaseInfo, DeskRefusal> {
+        let release = move |hub: &mut Hub, caller: &Caller, now_ns| {
+            let lease = hub.sessions.release_lease(id, now_ns)?;
+            hub.lease_changed(caller);
+            Ok(lease)
+        };
+        self.decide(caller, id, release).await
     }
 
     /// Where sealed UDP is heard.
@@ -75,16 +117,62 @@ impl SessionDesk {
         self.udp_port
     }
 
-    async fn ask_both<T: Send + 'static>(
+    /// About one's own session, or as an operator about that of another.
+    async fn decide<T: Send + 'static>(
         &self,
-        question: impl FnOnce(&mut Switchboard, &mut SealedUdp, u64) -> T + Send + 'static,
+        caller: Caller,
+        id: SessionId,
+        what: impl FnOnce(&mut Hub, &Caller, u64) -> Result<T, DeskRefusal> + Send + 'static,
+    ) -> Result<T, DeskRefusal> {
+        let decided = move |hub: &mut Hub, now_ns| {
+            hub.guests.may_decide(id, &caller)?;
+            what(hub, &caller, now_ns)
+        };
+        self.ask_hub(decided).await.unwrap_or(Err(DeskRefusal::Ended))
+    }
+
+    async fn ask_hub<T: Send + 'static>(
+        &self,
+        question: impl FnOnce(&mut Hub, u64) -> T + Send + 'static,
     ) -> Option<T> {
         let (answer, answered) = oneshot::channel();
-        let call = move |board: &mut Switchboard, sealed: &mut SealedUdp, now_ns| {
+        let call = move |hub: &mut Hub, now_ns| {
             // Who asked may have gone meanwhile.
-            let _ = answer.send(question(board, sealed, now_ns));
+            let _ = answer.send(question(hub, now_ns));
         };
         self.ask.send(Box::new(call)).await.ok()?;
         answered.await.ok()
     }
+}
+
+fn open(
+    hub: &mut Hub,
+    (caller, from): (Caller, String),
+    hello: &Hello,
+    ticket: Ticket,
+    offer: Option<SealedUdpOffer>,
+    now_ns: u64,
+) -> Result<Welcome, DeskRefusal> {
+    let guest = hub.sessions.device_meant(hello).map(|device| Guest { caller, from, device });
+    if let Some(guest) = &guest {
+        hub.guests.check_role(guest, hello)?;
+    }
+    if let Some(offer) = offer {
+        hub.sealed.open(&offer, now_ns).map_err(|full| CallRefusal::Refused {
+            reason: ByeReason::TooManySessions,
+            detail: full.to_string(),
+        })?;
+    }
+    let opened = hub.sessions.open(hello, ticket, now_ns);
+    match (&opened, guest, offer) {
+        (Err(_), _, Some(offer)) => hub.sealed.forget(&offer),
+        (Ok(welcome), Some(guest), _) => {
+            let id = SessionId::parse(&welcome.session);
+            if let Some(info) = id.and_then(|id| hub.sessions.info(id, now_ns)) {
+                hub.guests.arrived(info.id, guest, &info);
+            }
+        }
+        _ => {}
+    }
+    Ok(opened?)
 }

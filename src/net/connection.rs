@@ -1,4 +1,4 @@
-//! One client on the QUIC port from handshake to farewell: `hapticd/1` as it is, or inside a
+//! One client on the QUIC port from the end of its handshake to farewell: `hapticd/1` as it is, or inside a
 //! WebTransport session (`h3`). The name of the protocol in the handshake says which.
 
 use std::cell::Cell;
@@ -6,8 +6,8 @@ use std::net::IpAddr;
 use std::rc::Rc;
 use std::time::Duration;
 
+use quinn::Connection;
 use quinn::crypto::rustls::HandshakeData;
-use quinn::{Connection, Incoming};
 use tokio::sync::mpsc;
 use web_transport_quinn::{Request, Session, http::StatusCode};
 
@@ -31,9 +31,8 @@ const REQUEST: Duration = Duration::from_secs(5);
 /// Time for a Bye to reach its client before the connection is closed.
 pub(super) const FAREWELL: Duration = Duration::from_millis(250);
 
-/// One client from handshake to farewell.
-pub(super) async fn attend(hub: Shared, incoming: Incoming, access: Rc<Access>) {
-    let Ok(connection) = incoming.await else { return };
+/// One client from the end of its handshake to farewell.
+pub(super) async fn attend(hub: Shared, connection: Connection, access: Rc<Access>) {
     let Some((session, transport)) = begin(connection, &access).await else { return };
     let connected = hub.borrow_mut().sessions.connect(transport, now_ns());
     let id = match connected {
@@ -50,10 +49,8 @@ pub(super) async fn attend(hub: Shared, incoming: Incoming, access: Rc<Access>) 
         () = hear_datagrams(&hub, id, &session) => {}
         () = converse(&hub, id, &session, outgoing) => {}
     }
-    let (mut hub, id) = (hub.borrow_mut(), id.get());
-    hub.peers.remove(&id);
-    hub.sessions.disconnect(id, now_ns());
-    hub.act();
+    let id = id.get();
+    hub.borrow_mut().leave(id);
     // A WebTransport session does not end its connection by itself.
     session.close(0, b"gone");
     tracing::debug!(session = %id, "gone");

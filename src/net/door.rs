@@ -1,4 +1,5 @@
 //! A TCP listener with a bounded number of connections, none of which may be silent for long.
+//! A TLS handshake is among what has to be done in that time.
 //!
 //! Whoever connects and says nothing, speaks one byte a minute, or takes no answer costs a
 //! place for seconds, not for ever: a connection has [`FIRST_WORDS`] to begin and [`QUIET`]
@@ -17,11 +18,13 @@ use std::time::Duration;
 
 use rustix::process::{Resource, getrlimit};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::TcpListener;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc, oneshot};
 use tokio::time::{Instant, Sleep};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::transport::server::Connected;
+
+use super::line::{Line, Security};
 
 /// Most connections at a time: more than people, dashboards and scripts of one laboratory.
 const MOST: u64 = 128;
@@ -48,6 +51,7 @@ const COMPLAINTS: Duration = Duration::from_secs(10);
 #[derive(Debug)]
 pub struct Door {
     listener: TcpListener,
+    security: Security,
     places: Arc<Semaphore>,
     /// Sends those away who have not said anything yet, the oldest first.
     silent: VecDeque<oneshot::Sender<()>>,
@@ -56,14 +60,15 @@ pub struct Door {
 
 impl Door {
     /// A bound listener, inside a runtime.
-    pub fn new(listener: std::net::TcpListener) -> io::Result<Self> {
-        Self::with(listener, most(getrlimit(Resource::Nofile).current))
+    pub fn new(listener: std::net::TcpListener, security: Security) -> io::Result<Self> {
+        Self::with(listener, security, most(getrlimit(Resource::Nofile).current))
     }
 
-    fn with(listener: std::net::TcpListener, most: usize) -> io::Result<Self> {
+    fn with(listener: std::net::TcpListener, security: Security, most: usize) -> io::Result<Self> {
         listener.set_nonblocking(true)?;
         Ok(Self {
             listener: TcpListener::from_std(listener)?,
+            security,
             places: Arc::new(Semaphore::new(most)),
             silent: VecDeque::new(),
             complained: None,
@@ -79,7 +84,10 @@ impl Door {
                     let place = self.place().await;
                     let (away, leave) = oneshot::channel();
                     self.silent.push_back(away);
-                    return (Visitor::new(stream, place, leave), address);
+                    // Answers are small; one that waits to be joined by another only comes late.
+                    let _ = stream.set_nodelay(true);
+                    let line = Line::new(stream, &self.security);
+                    return (Visitor::new(line, address, place, leave), address);
                 }
                 // That client has gone again.
                 Err(error) if error.kind() == io::ErrorKind::ConnectionAborted => {}
@@ -130,7 +138,7 @@ impl Door {
     }
 }
 
-/// Connections for one of two listeners, of the files that may be open.
+/// Connections for one of up to three listeners, of the files that may be open.
 fn most(files: Option<u64>) -> usize {
     let spare = files.unwrap_or(u64::MAX).saturating_sub(OTHER_FILES);
     (spare / 3).clamp(FEWEST, MOST) as usize
@@ -159,7 +167,8 @@ impl axum::serve::Listener for Door {
 /// A connection with its place; reading and writing fail once it has been quiet too long.
 #[derive(Debug)]
 pub struct Visitor {
-    stream: TcpStream,
+    line: Line,
+    address: SocketAddr,
     until: Pin<Box<Sleep>>,
     /// Until its first byte: ready when its place is wanted for another.
     leave: Option<oneshot::Receiver<()>>,
@@ -167,11 +176,14 @@ pub struct Visitor {
 }
 
 impl Visitor {
-    fn new(stream: TcpStream, place: OwnedSemaphorePermit, leave: oneshot::Receiver<()>) -> Self {
-        // Answers are small; one that waits to be joined by another only comes late.
-        let _ = stream.set_nodelay(true);
+    fn new(
+        line: Line,
+        address: SocketAddr,
+        place: OwnedSemaphorePermit,
+        leave: oneshot::Receiver<()>,
+    ) -> Self {
         let until = Box::pin(tokio::time::sleep(FIRST_WORDS));
-        Self { stream, until, leave: Some(leave), _place: place }
+        Self { line, address, until, leave: Some(leave), _place: place }
     }
 
     fn extend(&mut self) {
@@ -212,7 +224,7 @@ impl AsyncRead for Visitor {
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
         let before = buffer.filled().len();
-        let read = Pin::new(&mut self.stream).poll_read(cx, buffer);
+        let read = Pin::new(&mut self.line).poll_read(cx, buffer);
         if read.is_pending() {
             return self.wait(cx);
         }
@@ -230,7 +242,7 @@ impl AsyncWrite for Visitor {
         cx: &mut Context<'_>,
         bytes: &[u8],
     ) -> Poll<io::Result<usize>> {
-        let written = Pin::new(&mut self.stream).poll_write(cx, bytes);
+        let written = Pin::new(&mut self.line).poll_write(cx, bytes);
         self.written(cx, written)
     }
 
@@ -239,32 +251,45 @@ impl AsyncWrite for Visitor {
         cx: &mut Context<'_>,
         parts: &[io::IoSlice<'_>],
     ) -> Poll<io::Result<usize>> {
-        let written = Pin::new(&mut self.stream).poll_write_vectored(cx, parts);
+        let written = Pin::new(&mut self.line).poll_write_vectored(cx, parts);
         self.written(cx, written)
     }
 
     fn is_write_vectored(&self) -> bool {
-        self.stream.is_write_vectored()
+        self.line.is_write_vectored()
     }
 
     fn poll_flush(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.stream).poll_flush(cx)
+        Pin::new(&mut self.line).poll_flush(cx)
     }
 
     fn poll_shutdown(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.stream).poll_shutdown(cx)
+        Pin::new(&mut self.line).poll_shutdown(cx)
     }
 }
 
-impl Connected for Visitor {
-    type ConnectInfo = ();
+/// Where a request comes from.
+#[derive(Clone, Copy, Debug)]
+pub struct Peer(pub SocketAddr);
 
-    fn connect_info(&self) {}
+impl Connected for Visitor {
+    type ConnectInfo = Peer;
+
+    fn connect_info(&self) -> Peer {
+        Peer(self.address)
+    }
+}
+
+impl axum::extract::connect_info::Connected<axum::serve::IncomingStream<'_, Door>> for Peer {
+    fn connect_info(stream: axum::serve::IncomingStream<'_, Door>) -> Self {
+        Self(*stream.remote_addr())
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use tokio::io::{AsyncReadExt, AsyncWriteExt};
+    use tokio::net::TcpStream;
 
     use super::*;
 
@@ -280,7 +305,7 @@ mod tests {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         runtime.block_on(async {
             let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
-            let mut door = Door::with(listener, 1).unwrap();
+            let mut door = Door::with(listener, Security::Plain, 1).unwrap();
             let address = door.listener.local_addr().unwrap();
             let _silent = TcpStream::connect(address).await.unwrap();
             let (mut silent, _) = door.accept().await;

@@ -1,17 +1,22 @@
-//! Plain HTTP: `/metrics` for Prometheus, `/healthz`, and `/certificate-hashes` for pages that open
-//! WebTransport.
+//! HTTP: `/metrics` for Prometheus, `/healthz`, and for pages `/certificate-hashes`, with which they
+//! open WebTransport, and the services as grpc-web.
+//!
+//! Whose line nobody else hears gets all of it: this machine's, and HTTPS but for the metrics. Plain
+//! HTTP for others is for those who watch: hashes and tokens have no place on it.
 
 use std::sync::Arc;
 
 use axum::Router;
 use axum::extract::Request;
-use axum::http::{HeaderMap, StatusCode, header};
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::middleware::{Next, from_fn};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use serde_json::json;
 use tokio::sync::watch;
+use tonic_web::GrpcWebLayer;
 
+use super::door::Peer;
 use super::{Access, BrowserIdentity, Door};
 use crate::host::{DeviceHost, Hosts};
 use crate::quic::WEBTRANSPORT_PATH;
@@ -23,6 +28,28 @@ const TEXT_FORMAT: &str = "text/plain; version=0.0.4; charset=utf-8";
 /// JSON, new each time: a page that holds on to an old hash does not connect.
 const JSON: [(header::HeaderName, &str); 2] =
     [(header::CONTENT_TYPE, "application/json"), (header::CACHE_CONTROL, "no-store")];
+
+/// Who hears what is said.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reach {
+    /// This machine alone; or everybody, where that was asked for in so many words.
+    Here,
+    /// Whoever is on the way: plain HTTP beyond this machine.
+    Watchers,
+    /// Whoever came by HTTPS.
+    Encrypted,
+}
+
+/// What a page of another origin that may call may send and read: what grpc-web needs.
+const CROSS_ORIGIN: [(header::HeaderName, &str); 4] = [
+    (header::ACCESS_CONTROL_ALLOW_METHODS, "GET, POST"),
+    (
+        header::ACCESS_CONTROL_ALLOW_HEADERS,
+        "authorization, content-type, grpc-timeout, x-grpc-web, x-user-agent",
+    ),
+    (header::ACCESS_CONTROL_EXPOSE_HEADERS, "grpc-message, grpc-status, grpc-status-details-bin"),
+    (header::ACCESS_CONTROL_MAX_AGE, "600"),
+];
 
 /// What pages can be told.
 #[derive(Clone, Debug)]
@@ -42,7 +69,9 @@ pub struct HttpParts {
 /// Serves until `stopped` is true or its sender gone.
 pub async fn serve(
     door: Door,
+    reach: Reach,
     parts: HttpParts,
+    services: Router,
     mut stopped: watch::Receiver<bool>,
 ) -> std::io::Result<()> {
     let HttpParts { scrape, hosts, browser, stream_port, access } = parts;
@@ -59,16 +88,22 @@ pub async fn serve(
         async move { (JSON, said) }
     };
     let access = Arc::new(access);
-    let router = Router::new()
-        .route("/metrics", get(metrics))
-        .route("/healthz", get(health))
-        .route("/certificate-hashes", get(hashes))
-        .layer(from_fn(move |request: Request, next: Next| {
-            guard(Arc::clone(&access), request, next)
-        }));
+    let mut router = Router::new().route("/healthz", get(health));
+    if reach != Reach::Encrypted {
+        router = router.route("/metrics", get(metrics));
+    }
+    if reach != Reach::Watchers {
+        router = router.route("/certificate-hashes", get(hashes));
+        router = router.merge(services.layer(GrpcWebLayer::new()));
+    }
+    let access = Arc::new(access);
+    let router = router.layer(from_fn(move |request: Request, next: Next| {
+        guard(Arc::clone(&access), request, next)
+    }));
     let shutdown = async move {
         let _ = stopped.wait_for(|stopped| *stopped).await;
     };
+    let router = router.into_make_service_with_connect_info::<Peer>();
     axum::serve(door, router).with_graceful_shutdown(shutdown).await
 }
 
@@ -84,9 +119,18 @@ async fn guard(access: Arc<Access>, request: Request, next: Next) -> Response {
     if let Err(refusal) = access.check(&host, origin.as_deref()) {
         return (StatusCode::FORBIDDEN, format!("{refusal}\n")).into_response();
     }
-    let mut response = next.run(request).await;
+    // A page asks whether it may before it sends a call.
+    let mut response = match *request.method() {
+        Method::OPTIONS => StatusCode::NO_CONTENT.into_response(),
+        _ => next.run(request).await,
+    };
     if let Some(origin) = origin.and_then(|origin| origin.parse().ok()) {
-        response.headers_mut().insert(header::ACCESS_CONTROL_ALLOW_ORIGIN, origin);
+        let headers = response.headers_mut();
+        headers.insert(header::ACCESS_CONTROL_ALLOW_ORIGIN, origin);
+        headers.insert(header::VARY, HeaderValue::from_static("origin"));
+        for (name, value) in CROSS_ORIGIN {
+            headers.insert(name, HeaderValue::from_static(value));
+        }
     }
     response
 }

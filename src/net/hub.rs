@@ -5,24 +5,29 @@
 
 use std::cell::RefCell;
 use std::collections::HashMap;
+use std::net::SocketAddr;
 use std::os::fd::OwnedFd;
 use std::rc::Rc;
+use std::sync::Arc;
 
 use tokio::sync::mpsc;
 use web_transport_quinn::Session;
 
+use super::Gate;
+use super::gate::{Caller, Refused};
+use super::guests::{Guest, Guests};
 use super::sealed_udp::SealedUdp;
 use crate::clock::now_ns;
 use crate::control::{Report, Setpoint};
 use crate::device::{PointerInput, PointerTarget};
 use crate::link::StreamEnd;
-use crate::proto::StreamMessage;
+use crate::proto::{Hello, StreamMessage, stream_message::Body};
 use crate::session::{
     HandTarget, Outcome, Output, Quality, Role, SessionConfig, SessionId, SessionInfo, Switchboard,
     Transport,
 };
 use crate::telemetry::{RoundTrips, StreamMetrics};
-use crate::wire::encode_frame;
+use crate::wire::{choose, encode_frame};
 
 /// What the thread is given of one device.
 pub struct StreamDevice {
@@ -50,7 +55,7 @@ pub(super) enum Carrier {
     /// A QUIC connection or a WebTransport session, with what waits for its reliable stream.
     Stream { session: Box<Session>, messages: mpsc::Sender<Vec<u8>> },
     /// An association of sealed UDP.
-    Sealed,
+    Sealed { from: SocketAddr },
 }
 
 /// The bridges of one device.
@@ -80,13 +85,18 @@ pub(super) struct Hub {
     pub sessions: Switchboard,
     pub peers: HashMap<SessionId, Carrier>,
     pub sealed: SealedUdp,
+    pub guests: Guests,
     /// By the place of the device.
     bridges: Vec<Bridges>,
 }
 
 impl Hub {
     /// Nobody is connected yet. Returns the doorbells, too, in the order of the devices.
-    pub fn new(devices: Vec<StreamDevice>, sealed: SealedUdp) -> (Self, Vec<OwnedFd>) {
+    pub fn new(
+        devices: Vec<StreamDevice>,
+        sealed: SealedUdp,
+        gate: Arc<Gate>,
+    ) -> (Self, Vec<OwnedFd>) {
         let (mut configs, mut bridges, mut doorbells) = (Vec::new(), Vec::new(), Vec::new());
         for device in devices {
             configs.push(device.sessions);
@@ -101,19 +111,78 @@ impl Hub {
             });
         }
         let sessions = Switchboard::new(configs);
-        (Self { sessions, peers: HashMap::new(), sealed, bridges }, doorbells)
+        let guests = Guests::new(gate);
+        (Self { sessions, peers: HashMap::new(), sealed, guests, bridges }, doorbells)
     }
 
     /// A message came on a reliable stream. Returns by which number its client is known from
     /// now on.
     pub fn on_message(&mut self, id: SessionId, message: StreamMessage) -> SessionId {
+        let guest = match &message.body {
+            Some(Body::Hello(hello)) => self.judge(id, hello).transpose(),
+            _ => Ok(None),
+        };
+        let guest = match guest {
+            Ok(guest) => guest,
+            Err(refused) => {
+                self.sessions.deny(id, &refused.to_string(), now_ns());
+                return id;
+            }
+        };
         let known_as = self.sessions.on_message(id, message, now_ns());
+        if let (Some(guest), Some(info)) = (guest, self.sessions.info(known_as, now_ns())) {
+            self.guests.arrived(known_as, guest, &info);
+        }
         if known_as != id
             && let Some(peer) = self.peers.remove(&id)
         {
             self.peers.insert(known_as, peer);
+            self.guests.joined(known_as, self.from(known_as));
         }
         known_as
+    }
+
+    /// Who says this Hello; `None` where that is known, or where it is refused anyway.
+    fn judge(&self, id: SessionId, hello: &Hello) -> Option<Result<Guest, Refused>> {
+        let known = !hello.ticket.is_empty() || self.sessions.info(id, now_ns()).is_some();
+        if known || choose(&hello.versions).is_none() {
+            return None;
+        }
+        let device = self.sessions.device_meant(hello);
+        let device = device.as_deref().unwrap_or("a device that is not here");
+        Some(self.guests.judge(hello, device, self.from(id)))
+    }
+
+    /// Where a session's datagrams come from.
+    fn from(&self, id: SessionId) -> String {
+        match self.peers.get(&id) {
+            Some(Carrier::Stream { session, .. }) => session.remote_address().to_string(),
+            Some(Carrier::Sealed { from }) => from.to_string(),
+            None => String::new(),
+        }
+    }
+
+    /// Sends a session away whose credential does not count any more.
+    pub fn judge_again(&mut self, id: SessionId) {
+        let role = self.sessions.info(id, now_ns()).map(|info| info.role);
+        let refused = role.and_then(|role| self.guests.judge_again(id, role));
+        if let Some(refused) = refused {
+            self.sessions.deny(id, &refused.to_string(), now_ns());
+            self.act();
+        }
+    }
+
+    /// A call has changed who commands.
+    pub fn lease_changed(&mut self, by: &Caller) {
+        self.guests.watch_leases(&self.sessions, Some(by));
+    }
+
+    /// The connection of a session is gone.
+    pub fn leave(&mut self, id: SessionId) {
+        self.peers.remove(&id);
+        self.sessions.disconnect(id, now_ns());
+        self.act();
+        self.guests.left(id, "gone");
     }
 
     /// Of several reports that waited only the newest becomes State.
@@ -135,6 +204,7 @@ impl Hub {
 
     /// Does what the sessions want done.
     pub fn act(&mut self) {
+        self.guests.watch_leases(&self.sessions, None);
         while let Some((device, output)) = self.sessions.poll_output() {
             self.carry_out(device, output);
         }
@@ -153,8 +223,10 @@ impl Hub {
             Output::Message { to, message } => self.say(to, &message),
             Output::Close { to, reason, detail } => {
                 tracing::info!(session = %to, reason = reason.as_str_name(), detail, "session ended");
+                self.guests
+                    .left(to, if detail.is_empty() { reason.as_str_name() } else { &detail });
                 // Its writer sends what is queued, then closes the connection.
-                if let Some(Carrier::Sealed) = self.peers.remove(&to) {
+                if let Some(Carrier::Sealed { .. }) = self.peers.remove(&to) {
                     self.sealed.end(to);
                 }
             }
@@ -182,7 +254,7 @@ impl Hub {
                 let room = session.datagram_send_buffer_space() >= bytes.len();
                 session.send_datagram(bytes.into()).is_ok() && room
             }
-            Some(Carrier::Sealed) => self.sealed.send(to, &bytes),
+            Some(Carrier::Sealed { .. }) => self.sealed.send(to, &bytes),
             None => false,
         }
     }
@@ -193,11 +265,13 @@ impl Hub {
             Some(Carrier::Stream { session, messages }) if messages.try_send(frame()).is_err() => {
                 session.close(2, b"you do not read");
             }
-            Some(Carrier::Sealed) if !self.sealed.say(to, &frame()) => {
+            Some(Carrier::Sealed { .. }) if !self.sealed.say(to, &frame()) => {
                 // It takes nothing, as one that does not read its stream.
                 self.peers.remove(&to);
                 self.sealed.end(to);
                 self.sessions.disconnect(to, now_ns());
+                self.guests.watch_leases(&self.sessions, None);
+                self.guests.left(to, "it does not read");
             }
             _ => {}
         }

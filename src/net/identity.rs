@@ -8,6 +8,7 @@ use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use rustls::sign::CertifiedKey;
 
+use super::Security;
 use crate::quic::{fingerprint, provider};
 
 /// One file holds both, so that they can only be replaced together.
@@ -18,6 +19,8 @@ const FILE: &str = "identity.pem";
 pub struct Identity {
     /// What clients see.
     pub certificate: CertificateDer<'static>,
+    /// Who vouches for it; empty where its hash does.
+    pub chain: Vec<CertificateDer<'static>>,
     /// What proves it.
     pub key: PrivateKeyDer<'static>,
 }
@@ -33,6 +36,9 @@ pub enum IdentityError {
         "{path}: {what}; move the file away to get a new identity (clients must then learn its hash)"
     )]
     Malformed { path: PathBuf, what: String },
+    /// A file that somebody brought is not what it was said to be.
+    #[error("{path}: {what}")]
+    Brought { path: PathBuf, what: String },
     /// No certificate could be made.
     #[error("cannot make a certificate: {0}")]
     Generate(#[from] rcgen::Error),
@@ -62,9 +68,44 @@ impl Identity {
         fingerprint(&self.certificate)
     }
 
+    /// One that people bring: certificates, the server's first, and its key.
+    pub fn load(certificate: &Path, key: &Path) -> Result<Self, IdentityError> {
+        let read = |path: &Path| {
+            fs::read(path).map_err(|source| IdentityError::File { path: path.to_owned(), source })
+        };
+        let malformed = |path: &Path, what: &str, error: &dyn std::fmt::Display| {
+            IdentityError::Brought { path: path.to_owned(), what: format!("{what}: {error}") }
+        };
+        let chain =
+            CertificateDer::pem_slice_iter(&read(certificate)?).collect::<Result<Vec<_>, _>>();
+        let mut chain =
+            chain.map_err(|error| malformed(certificate, "no certificate", &error))?.into_iter();
+        let first = chain.next();
+        let first =
+            first.ok_or_else(|| malformed(certificate, "no certificate", &"it has none"))?;
+        let secret = PrivateKeyDer::from_pem_slice(&read(key)?)
+            .map_err(|error| malformed(key, "no private key", &error))?;
+        let identity = Self { certificate: first, chain: chain.collect(), key: secret };
+        identity
+            .certified()
+            .map_err(|error| malformed(key, "it is not the certificate's key", &error))?;
+        Ok(identity)
+    }
+
+    /// What gRPC is spoken over; TLS is needed, or will do as plaintext does.
+    pub fn grpc_security(&self, needed: bool) -> Result<Security, rustls::Error> {
+        Security::tls(self.certified()?, &["h2"], needed)
+    }
+
+    /// What HTTPS is spoken over.
+    pub fn https_security(&self) -> Result<Security, rustls::Error> {
+        Security::tls(self.certified()?, &["h2", "http/1.1"], true)
+    }
+
     /// As a handshake shows it.
     pub(super) fn certified(&self) -> Result<CertifiedKey, rustls::Error> {
-        CertifiedKey::from_der(vec![self.certificate.clone()], self.key.clone_key(), &provider())
+        let chain = [std::slice::from_ref(&self.certificate), &self.chain].concat();
+        CertifiedKey::from_der(chain, self.key.clone_key(), &provider())
     }
 }
 
@@ -78,7 +119,7 @@ pub(super) fn from_pem(path: &Path, pem: &[u8]) -> Result<Identity, IdentityErro
         CertificateDer::from_pem_slice(pem).map_err(|error| malformed("no certificate", &error))?;
     let key =
         PrivateKeyDer::from_pem_slice(pem).map_err(|error| malformed("no private key", &error))?;
-    let identity = Identity { certificate, key };
+    let identity = Identity { certificate, chain: Vec::new(), key };
     identity
         .certified()
         .map_err(|error| malformed("the key is not that of the certificate", &error))?;

@@ -110,7 +110,7 @@ fn hear_one(hub: &mut Hub, packet: &mut [u8], from: SocketAddr) {
         Heard::Answer(answer) => {
             hub.sealed.post(&answer, from);
         }
-        Heard::Arrived { association, ticket } => arrive(hub, association, &ticket),
+        Heard::Arrived { association, ticket } => arrive(hub, association, &ticket, from),
         Heard::Datagram { session, body } => {
             hub.sessions.on_datagram(session, body, now_ns());
         }
@@ -128,10 +128,11 @@ fn hear_one(hub: &mut Hub, packet: &mut [u8], from: SocketAddr) {
 }
 
 /// Its Hello was said by the call, and its session waits for it.
-fn arrive(hub: &mut Hub, association: AssociationId, ticket: &Ticket) {
+fn arrive(hub: &mut Hub, association: AssociationId, ticket: &Ticket, from: SocketAddr) {
     let joined = hub.sessions.join_by_ticket(ticket, Transport::SealedUdp, now_ns());
     let Some(session) = joined else { return };
-    hub.peers.insert(session, Carrier::Sealed);
+    hub.peers.insert(session, Carrier::Sealed { from });
+    hub.guests.joined(session, from.to_string());
     hub.sealed.table.join(association, session);
     tracing::debug!(%session, "connected over sealed UDP");
 }

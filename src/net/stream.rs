@@ -24,16 +24,18 @@ use tokio::sync::oneshot;
 use super::browser::{BrowserIdentity, ByProtocol};
 use super::calls::SessionCalls;
 use super::connection::{FAREWELL, attend};
+use super::handshakes::{Handshakes, Verdict};
 use super::hub::{Hub, Shared, StreamDevice};
 use super::sealed_udp::{self, SealedUdp};
-use super::{Access, Identity};
+use super::{Access, Gate, Identity};
 use crate::clock::now_ns;
 use crate::quic;
 use crate::sealed::Secret;
 use crate::session::SessionId;
 
-/// Between two looks at what was refused: a log line, at most, for each session.
-const REFUSALS: Duration = Duration::from_secs(1);
+/// Between two looks at each session: at what was refused, for a log line at most, and at
+/// whether its credential still counts.
+const LOOKS: Duration = Duration::from_secs(1);
 
 /// The timer's pace: pings are due every 100 ms, silence is judged in seconds.
 const TIMER: Duration = Duration::from_millis(10);
@@ -50,6 +52,8 @@ pub struct StreamParts {
     pub browser: Arc<BrowserIdentity>,
     /// Whose pages may come.
     pub access: Access,
+    /// Who may come.
+    pub gate: Arc<Gate>,
     /// What is served; at least one.
     pub devices: Vec<StreamDevice>,
     /// Where calls come from.
@@ -138,7 +142,7 @@ async fn serve(
         Ok(sealed) => sealed,
         Err(error) => return tracing::error!(%error, "sealed UDP cannot be served"),
     };
-    let (hub, doorbells) = Hub::new(parts.devices, sealed);
+    let (hub, doorbells) = Hub::new(parts.devices, sealed, parts.gate);
     let hub = Rc::new(RefCell::new(hub));
     let runtime = Arc::new(quinn::TokioRuntime);
     match Endpoint::new(EndpointConfig::default(), Some(config), parts.socket, runtime) {
@@ -150,6 +154,7 @@ async fn serve(
             tokio::task::spawn_local(keep_time(Rc::clone(&hub)));
             tokio::task::spawn_local(answer_calls(Rc::clone(&hub), parts.calls));
             tokio::task::spawn_local(tell_refusals(Rc::clone(&hub)));
+            tokio::task::spawn_local(judge_again(Rc::clone(&hub)));
             tokio::select! {
                 () = accept(&endpoint, &hub, parts.access) => {}
                 _ = stopped => {}
@@ -162,8 +167,28 @@ async fn serve(
 
 async fn accept(endpoint: &Endpoint, hub: &Shared, access: Access) {
     let access = Rc::new(access);
+    let handshakes = Rc::new(RefCell::new(Handshakes::new(now_ns())));
     while let Some(incoming) = endpoint.accept().await {
-        tokio::task::spawn_local(attend(Rc::clone(hub), incoming, Rc::clone(&access)));
+        let (ip, proven) = (incoming.remote_address().ip(), incoming.remote_address_validated());
+        let verdict = handshakes.borrow_mut().judge(ip, proven, now_ns());
+        match verdict {
+            Verdict::Accept => {
+                let (hub, access) = (Rc::clone(hub), Rc::clone(&access));
+                let handshakes = Rc::clone(&handshakes);
+                tokio::task::spawn_local(async move {
+                    let connected = incoming.await;
+                    handshakes.borrow_mut().ended(ip);
+                    if let Ok(connection) = connected {
+                        attend(hub, connection, access).await;
+                    }
+                });
+            }
+            // One that cannot be asked to try again is not worth a word.
+            Verdict::Retry => {
+                incoming.retry().unwrap_or_else(|error| error.into_incoming().ignore())
+            }
+            Verdict::Ignore => incoming.ignore(),
+        }
     }
 }
 
@@ -227,12 +252,24 @@ async fn answer_calls(hub: Shared, mut calls: SessionCalls) {
     while let Some(call) = calls.next().await {
         {
             let mut hub = hub.borrow_mut();
-            let Hub { sessions, sealed, .. } = &mut *hub;
-            call(sessions, sealed, now_ns());
+            call(&mut hub, now_ns());
             hub.act();
         }
         // Datagrams and ticks first, however many calls wait.
         tokio::task::yield_now().await;
+    }
+}
+
+/// Credentials are revoked, and expire.
+async fn judge_again(hub: Shared) {
+    loop {
+        tokio::time::sleep(LOOKS).await;
+        let sessions = hub.borrow().guests.sessions();
+        for session in sessions {
+            hub.borrow_mut().judge_again(session);
+            // A judgement takes tens of microseconds; whatever waits has its turn in between.
+            tokio::task::yield_now().await;
+        }
     }
 }
 
@@ -241,7 +278,7 @@ async fn answer_calls(hub: Shared, mut calls: SessionCalls) {
 async fn tell_refusals(hub: Shared) {
     let mut told: HashMap<SessionId, String> = HashMap::new();
     loop {
-        tokio::time::sleep(REFUSALS).await;
+        tokio::time::sleep(LOOKS).await;
         let hub = hub.borrow();
         told.retain(|id, _| hub.peers.contains_key(id));
         for session in hub.sessions.list(now_ns()) {

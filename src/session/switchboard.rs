@@ -155,6 +155,26 @@ impl Switchboard {
         Ok(welcome)
     }
 
+    /// Sends a session away, or a connection that is none yet, for want of a credential.
+    pub fn deny(&mut self, id: SessionId, detail: &str, now_ns: u64) {
+        if let Some(device) = self.device_of(id) {
+            device.deny(id, detail, now_ns);
+        }
+    }
+
+    /// The resource name of the device that a Hello means; `None` where there is none.
+    pub fn device_meant(&self, hello: &Hello) -> Option<String> {
+        let alone = self.devices.len() == 1 && hello.device.is_empty();
+        let known = alone || self.devices.iter().any(|device| device.is_called(&hello.device));
+        let name = if alone { self.devices[0].device_name() } else { hello.device.clone() };
+        known.then_some(name)
+    }
+
+    /// What lists show of one session; `None` where it is not welcomed.
+    pub fn info(&self, id: SessionId, now_ns: u64) -> Option<SessionInfo<'_>> {
+        self.devices.get(*self.places.get(&id)?)?.info(id, now_ns)
+    }
+
     /// Sends a session away.
     pub fn close(&mut self, id: SessionId, now_ns: u64) -> Result<(), CallRefusal> {
         self.known(id)?.close_by_call(id, now_ns)

@@ -146,7 +146,7 @@ fn a_device_file_that_cannot_be_is_refused_by_its_field() {
 }
 
 #[test]
-fn beyond_this_machine_needs_to_be_asked_for() {
+fn beyond_this_machine_somebody_must_have_a_credential() {
     let folder = tempfile::tempdir().unwrap();
     let state = folder.path().join("state");
     let state = state.to_str().unwrap();

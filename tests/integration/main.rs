@@ -4,6 +4,8 @@
 
 #[cfg(feature = "net")]
 mod commands;
+#[cfg(feature = "net")]
+mod credentials;
 #[cfg(all(feature = "net", feature = "design"))]
 mod design;
 mod devices;

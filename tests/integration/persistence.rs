@@ -6,6 +6,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use hapticd::client::Authorized;
 use hapticd::client::{ConnectString, services};
 use hapticd::proto::scene_object::Kind;
 use hapticd::proto::scene_service_client::SceneServiceClient;
@@ -16,7 +17,6 @@ use hapticd::proto::{
 use rand::{Rng, SeedableRng};
 use rustix::process::Signal;
 use tokio::runtime::Runtime;
-use tonic::transport::Channel;
 
 use super::support::{DEVICE, PATIENCE, Server, config_file, finish, hapticd};
 
@@ -69,7 +69,7 @@ impl Patient {
     }
 }
 
-async fn scenes(connect: &ConnectString) -> SceneServiceClient<Channel> {
+async fn scenes(connect: &ConnectString) -> SceneServiceClient<Authorized> {
     services(connect).await.unwrap().scenes
 }
 

@@ -61,6 +61,7 @@ impl Rig {
             stream_port: 0,
             udp_port: 0,
             http_port: 0,
+            https_port: 0,
             state_dir: Some(state.path().to_owned()),
             ..ServerConfig::default()
         };
@@ -364,7 +365,8 @@ impl Drop for Server {
 /// goes before the first table.
 pub fn config_file(state: &Path, top: &str) -> PathBuf {
     let path = state.with_extension("toml");
-    let ports = "[server]\ngrpc_port = 0\nstream_port = 0\nudp_port = 0\nhttp_port = 0\n";
+    let ports =
+        "[server]\ngrpc_port = 0\nstream_port = 0\nudp_port = 0\nhttp_port = 0\nhttps_port = 0\n";
     std::fs::write(&path, format!("state_dir = {state:?}\n{top}{ports}")).unwrap();
     path
 }

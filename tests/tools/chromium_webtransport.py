@@ -1,11 +1,12 @@
 """A browser opens WebTransport by certificate hash, gets State and pushes a wall that is felt.
 
-    python3 tests/tools/chromium_webtransport.py HTTP_HOST:PORT [CHROMIUM]
+    python3 tests/tools/chromium_webtransport.py HTTP_HOST:PORT [TOKEN]
 
-Needs Chromium, and a running `hapticd serve` whose simulated hand presses against things at
+Needs Chromium on PATH, and a running `hapticd serve` whose simulated hand presses against things at
 x = 0.3 m (`--hand press-and-slide`, the default) and that nobody commands. Serves
 webtransport.html from this machine, opens it in a headless Chromium with a profile of its own,
-and waits for what the page tells. Then asks as a stranger's page would, which has to be refused.
+and waits for what the page tells. With the TOKEN of a controller, for a server that asks for one,
+the page opens its session by grpc-web and joins it with the ticket. Then asks as a stranger's page would, which has to be refused.
 Ends with the line "N passed, N failed"; the exit status is 1 where something failed.
 """
 
@@ -59,10 +60,12 @@ class Page(http.server.BaseHTTPRequestHandler):
         pass
 
 
-def run_page(chromium, hapticd_http):
+def run_page(chromium, hapticd_http, token):
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Page)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     url = f"http://localhost:{server.server_port}/?hashes=http://{hapticd_http}/certificate-hashes"
+    if token is not None:
+        url += f"&token={token}"
     with tempfile.TemporaryDirectory() as profile, tempfile.TemporaryFile() as log:
         command = [chromium, *FLAGS, f"--user-data-dir={profile}", url]
         browser = subprocess.Popen(command, stdout=log, stderr=log)
@@ -74,7 +77,8 @@ def run_page(chromium, hapticd_http):
         finally:
             browser.terminate()
             browser.wait()
-    return Page.results[0]
+    Page.told.clear()
+    return Page.results.pop()
 
 
 def refused(hapticd_http, headers):
@@ -91,18 +95,25 @@ def main():
         print(__doc__, file=sys.stderr)
         return 2
     hapticd_http = sys.argv[1].removeprefix("http://").removesuffix("/metrics")
-    chromium = sys.argv[2] if len(sys.argv) == 3 else shutil.which("chromium")
+    token = sys.argv[2] if len(sys.argv) == 3 else None
+    chromium = shutil.which("chromium")
     if not chromium:
-        print("no chromium on PATH; say where it is", file=sys.stderr)
+        print("no chromium on PATH", file=sys.stderr)
         return 2
     result = {}
 
     def a_page_feels_its_wall():
-        result.update(run_page(chromium, hapticd_http))
+        result.update(run_page(chromium, hapticd_http, token))
         print(f"        {json.dumps(result)}")
         assert "error" not in result, result["error"]
         assert result["states"] >= 500, result
         assert 0 < result["depth_m"] < 0.01 and result["requested_n"] < 0, result
+
+    def without_the_token_or_with_a_wrong_one_nothing_opens():
+        for wrong in [None, "guessed"] if token is not None else []:
+            result = run_page(chromium, hapticd_http, wrong)
+            assert "error" in result, result
+            print(f"        {result['error']}")
 
     def a_strangers_page_is_refused():
         refused(hapticd_http, {"Origin": "https://evil.example"})
@@ -113,6 +124,7 @@ def main():
     passed = failed = 0
     for step in [
         a_page_feels_its_wall,
+        without_the_token_or_with_a_wrong_one_nothing_opens,
         a_strangers_page_is_refused,
         a_name_that_was_made_to_point_here_is_refused,
     ]:

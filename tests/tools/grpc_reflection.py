@@ -1,18 +1,22 @@
 """A wall made, moved, felt and deleted over gRPC by a client that knows only reflection.
 
-    python3 tests/tools/grpc_reflection.py HOST:PORT
+    python3 tests/tools/grpc_reflection.py HOST:PORT [CONNECT_STRING]
 
-Needs grpcio and grpcio-reflection, and a running `hapticd serve` whose simulated hand presses
+With the connect string of an operator it speaks TLS, after a look at the certificate's hash, and
+shows the token. Needs grpcio and grpcio-reflection, and a running `hapticd serve` whose simulated hand presses
 against things (`--hand press-and-slide`, the default) and whose scene has no object
 "reflected". Nothing here is generated from proto/: services, methods and messages are what
 the server says they are. Ends with the line "N passed, N failed"; the exit status is 1 where
 something failed.
 """
 
+import hashlib
 import math
 import os
+import ssl
 import sys
 import time
+import urllib.parse
 
 # This file has the name of the package that it uses, and its folder comes first.
 HERE = os.path.dirname(os.path.abspath(__file__))
@@ -31,11 +35,26 @@ FEEL_TIMEOUT_S = 30
 WALL_WIDTH_M = 0.004
 
 
+def secure(address, connect):
+    """TLS to the server of a connect string, known by its hash, with the token on every call."""
+    query = urllib.parse.parse_qs(urllib.parse.urlsplit(connect).query)
+    host, port = address.rsplit(":", 1)
+    pem = ssl.get_server_certificate((host, int(port)))
+    found = hashlib.sha256(ssl.PEM_cert_to_DER_cert(pem)).hexdigest()
+    assert found == query["sha256"][0], f"another server: {found}"
+    credentials = grpc.composite_channel_credentials(
+        grpc.ssl_channel_credentials(pem.encode()),
+        grpc.access_token_call_credentials(query["token"][0]),
+    )
+    options = [("grpc.ssl_target_name_override", "hapticd")]
+    return grpc.secure_channel(address, credentials, options)
+
+
 class Server:
     """Calls methods by their full names; requests and answers are built from reflection."""
 
-    def __init__(self, address):
-        self.channel = grpc.insecure_channel(address)
+    def __init__(self, address, connect=None):
+        self.channel = secure(address, connect) if connect else grpc.insecure_channel(address)
         self.database = ProtoReflectionDescriptorDatabase(self.channel)
         self.pool = descriptor_pool.DescriptorPool(self.database)
 
@@ -254,10 +273,10 @@ class Walk:
 
 
 def main():
-    if len(sys.argv) != 2:
+    if not 2 <= len(sys.argv) <= 3:
         print(__doc__, file=sys.stderr)
         return 2
-    walk = Walk(Server(sys.argv[1]))
+    walk = Walk(Server(*sys.argv[1:]))
     steps = [name for name in vars(Walk) if name.startswith("step_")]
     passed = failed = 0
     for name in steps:

@@ -9,9 +9,11 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status};
 
 use super::desk::{Desk, Desks};
+use super::guard::Asker;
 use super::{convert, explain, field_status, manipulability, names, settings, watches};
 use crate::actuation::ActuatorKind;
 use crate::analysis::workspace;
+use crate::audit::What;
 use crate::config::{DeviceDefinition, Id, Settings};
 use crate::control::{ModeCommand, Report};
 use crate::host::DeviceHost;
@@ -64,30 +66,39 @@ impl Devices {
         Self { desks, sessions, http_port, watches, stopped }
     }
 
-    fn find(&self, name: &str) -> Result<&Desk, Status> {
-        names::find_device(&self.desks, "name", name)
+    fn find(&self, asker: &Asker, name: &str) -> Result<&Desk, Status> {
+        names::find_device(&self.desks, asker, "name", name)
     }
 
     /// A place among the watches.
-    fn watch(&self) -> Result<watches::Watch, Status> {
+    fn watch(&self, asker: Asker, device: &str) -> Result<watches::Watch, Status> {
         let Ok(place) = Arc::clone(&self.watches).try_acquire_owned() else {
             let full = format!("{MAX_WATCHES} watches are open already; end one of them");
             return Err(Status::resource_exhausted(full));
         };
-        Ok(watches::Watch { place, stopped: self.stopped.clone() })
+        let (stopped, device) = (self.stopped.clone(), device.to_owned());
+        Ok(watches::Watch { _place: place, stopped, asker, device })
     }
 
     async fn change(
         &self,
+        asker: &Asker,
         name: &str,
         command: ModeCommand,
     ) -> Result<Response<DeviceMode>, Status> {
-        let Desk { host, modes, stops, .. } = self.find(name)?;
+        let Desk { host, modes, stops, .. } = self.find(asker, name)?;
         let lane = if command == ModeCommand::Stop { stops } else { modes };
         let changed = Arc::clone(host);
         let mode = lane.run(move || changed.change_mode(command)).await?;
         let name = names::device(host);
         tracing::info!(name, ?command, ?mode, "mode");
+        let what = match command {
+            ModeCommand::Enable => What::Enabled,
+            ModeCommand::Disable => What::Disabled,
+            ModeCommand::Stop => What::Stopped,
+            ModeCommand::ClearFault => What::FaultCleared,
+        };
+        asker.did(what, &name, "");
         Ok(Response::new(DeviceMode { name, mode: proto::Mode::from(mode).into() }))
     }
 }
@@ -109,10 +120,12 @@ pub(super) async fn report(host: &DeviceHost) -> Report {
 impl DeviceService for Devices {
     async fn list_devices(
         &self,
-        _: Request<ListDevicesRequest>,
+        request: Request<ListDevicesRequest>,
     ) -> Result<Response<ListDevicesResponse>, Status> {
+        let asker = Asker::of(request.extensions())?;
         let mut devices = Vec::new();
-        for Desk { host, .. } in self.desks.iter() {
+        let seen = |desk: &&Desk| asker.sees(&names::device(&desk.host));
+        for Desk { host, .. } in self.desks.iter().filter(seen) {
             devices.push(listed(host, &report(host).await));
         }
         let http_port = self.http_port.into();
@@ -123,14 +136,20 @@ impl DeviceService for Devices {
 
     async fn watch_devices(
         &self,
-        _: Request<proto::WatchDevicesRequest>,
+        request: Request<proto::WatchDevicesRequest>,
     ) -> Result<Response<Self::WatchDevicesStream>, Status> {
+        let asker = Asker::of(request.extensions())?;
+        // What it holds for as long as it lists: one that is bound to a device, for that.
+        let device = asker.own_device();
+        let watch = self.watch(asker.clone(), &device)?;
         let (desks, http_port) = (Arc::clone(&self.desks), self.http_port.into());
         let list = move || {
-            let devices = desks.iter().map(|desk| listed(&desk.host, &desk.host.report()));
+            let seen = |desk: &&Desk| asker.sees(&names::device(&desk.host));
+            let seen = desks.iter().filter(seen);
+            let devices = seen.map(|desk| listed(&desk.host, &desk.host.report()));
             ListDevicesResponse { devices: devices.collect(), http_port }
         };
-        Ok(Response::new(watches::devices(list, self.watch()?)))
+        Ok(Response::new(watches::devices(list, watch)))
     }
 
     type WatchEventsStream = watches::Answers<proto::DeviceEvent>;
@@ -139,23 +158,28 @@ impl DeviceService for Devices {
         &self,
         request: Request<proto::WatchEventsRequest>,
     ) -> Result<Response<Self::WatchEventsStream>, Status> {
+        let asker = Asker::of(request.extensions())?;
         let request = request.into_inner();
-        let host = Arc::clone(&self.find(&request.name)?.host);
-        Ok(Response::new(watches::events(host, &request, self.watch()?)?))
+        let host = Arc::clone(&self.find(&asker, &request.name)?.host);
+        let watch = self.watch(asker, &request.name)?;
+        Ok(Response::new(watches::events(host, &request, watch)?))
     }
 
     async fn get_description(
         &self,
         request: Request<GetDescriptionRequest>,
     ) -> Result<Response<DeviceDescription>, Status> {
-        Ok(Response::new(describe(&self.find(&request.get_ref().name)?.host)))
+        Ok(Response::new(describe(
+            &self.find(&Asker::of(request.extensions())?, &request.get_ref().name)?.host,
+        )))
     }
 
     async fn get_state(
         &self,
         request: Request<GetStateRequest>,
     ) -> Result<Response<DeviceState>, Status> {
-        let Desk { host, .. } = self.find(&request.get_ref().name)?;
+        let Desk { host, .. } =
+            self.find(&Asker::of(request.extensions())?, &request.get_ref().name)?;
         Ok(Response::new(convert::state_to_proto(host, &report(host).await)))
     }
 
@@ -165,31 +189,29 @@ impl DeviceService for Devices {
         &self,
         request: Request<WatchStateRequest>,
     ) -> Result<Response<Self::WatchStateStream>, Status> {
+        let asker = Asker::of(request.extensions())?;
         let WatchStateRequest { name, interval_ms } = request.into_inner();
-        let host = Arc::clone(&self.find(&name)?.host);
+        let host = Arc::clone(&self.find(&asker, &name)?.host);
         if interval_ms > MAX_INTERVAL_MS {
             let allowed =
                 format!("must be 1 to {MAX_INTERVAL_MS} ms, or 0 for {DEFAULT_INTERVAL_MS}");
             return Err(field_status(&FieldError::new("interval_ms", interval_ms, allowed)));
         }
         let interval_ms = if interval_ms == 0 { DEFAULT_INTERVAL_MS } else { interval_ms };
-        let watches::Watch { place, mut stopped } = self.watch()?;
+        let watch = self.watch(asker, &name)?;
         let (states, watched) = mpsc::channel(WAITING_STATES);
-        tokio::spawn(async move {
-            let _place = place;
+        let told = states.clone();
+        let tell = async move {
             let mut interval = interval(Duration::from_millis(interval_ms.into()));
             interval.set_missed_tick_behavior(MissedTickBehavior::Delay);
             loop {
-                tokio::select! {
-                    _ = interval.tick() => {}
-                    () = states.closed() => return,
-                    _ = stopped.wait_for(|stopped| *stopped) => return,
-                }
+                interval.tick().await;
                 // A slow reader misses states; it never makes old ones pile up.
                 let state = convert::state_to_proto(&host, &report(&host).await);
-                let _ = states.try_send(Ok(state));
+                let _ = told.try_send(Ok(state));
             }
-        });
+        };
+        tokio::spawn(watches::until_over(tell, states, watch));
         Ok(Response::new(ReceiverStream::new(watched)))
     }
 
@@ -197,17 +219,23 @@ impl DeviceService for Devices {
         &self,
         request: Request<proto::GetSettingsRequest>,
     ) -> Result<Response<proto::Settings>, Status> {
-        Ok(Response::new(settings::get(&self.find(&request.get_ref().name)?.host)))
+        Ok(Response::new(settings::get(
+            &self.find(&Asker::of(request.extensions())?, &request.get_ref().name)?.host,
+        )))
     }
 
     async fn update_settings(
         &self,
         request: Request<proto::UpdateSettingsRequest>,
     ) -> Result<Response<proto::Settings>, Status> {
+        let asker = Asker::of(request.extensions())?;
         let request = request.into_inner();
         let name = request.settings.as_ref().map_or("", |settings| &settings.name);
-        let desk = names::find_device(&self.desks, "settings.name", name)?;
+        let desk = names::find_device(&self.desks, &asker, "settings.name", name)?;
+        let fields = request.update_mask.as_ref().map(|mask| mask.paths.join(" "));
         let changed = settings::update(Arc::clone(&desk.host), &desk.settings, request).await?;
+        let fields = fields.unwrap_or_default();
+        asker.did(What::SettingsChanged, &names::device(&desk.host), &fields);
         let Settings { mount, tool, .. } = desk.host.settings().settings;
         let DeviceDefinition { name, mount: first, tool: with, .. } = desk.host.definition();
         if (mount, tool) != (*first, *with) {
@@ -221,8 +249,9 @@ impl DeviceService for Devices {
         &self,
         request: Request<proto::ExplainRequest>,
     ) -> Result<Response<proto::Explanation>, Status> {
+        let asker = Asker::of(request.extensions())?;
         let request = request.into_inner();
-        let desk = self.find(&request.name)?;
+        let desk = self.find(&asker, &request.name)?;
         let device = names::device(&desk.host);
         let who = explain::who(&self.sessions, device, &request.session).await?;
         Ok(Response::new(explain::of_last_tick(desk, &request, who).await?))
@@ -232,7 +261,7 @@ impl DeviceService for Devices {
         &self,
         request: Request<proto::GetManipulabilityRequest>,
     ) -> Result<Response<proto::Manipulability>, Status> {
-        let desk = self.find(&request.get_ref().name)?;
+        let desk = self.find(&Asker::of(request.extensions())?, &request.get_ref().name)?;
         Ok(Response::new(manipulability::get(desk, request.get_ref()).await?))
     }
 
@@ -240,10 +269,12 @@ impl DeviceService for Devices {
         &self,
         request: Request<proto::HomeRequest>,
     ) -> Result<Response<DeviceState>, Status> {
-        let Desk { host, modes, .. } = self.find(&request.get_ref().name)?;
+        let asker = Asker::of(request.extensions())?;
+        let Desk { host, modes, .. } = self.find(&asker, &request.get_ref().name)?;
         let homed = Arc::clone(host);
         modes.run(move || homed.home()).await?;
         tracing::info!(name = names::device(host), "homed");
+        asker.did(What::Homed, &names::device(host), "");
         Ok(Response::new(convert::state_to_proto(host, &report(host).await)))
     }
 
@@ -251,25 +282,37 @@ impl DeviceService for Devices {
         &self,
         request: Request<EnableRequest>,
     ) -> Result<Response<DeviceMode>, Status> {
-        self.change(&request.get_ref().name, ModeCommand::Enable).await
+        self.change(&Asker::of(request.extensions())?, &request.get_ref().name, ModeCommand::Enable)
+            .await
     }
 
     async fn disable(
         &self,
         request: Request<DisableRequest>,
     ) -> Result<Response<DeviceMode>, Status> {
-        self.change(&request.get_ref().name, ModeCommand::Disable).await
+        self.change(
+            &Asker::of(request.extensions())?,
+            &request.get_ref().name,
+            ModeCommand::Disable,
+        )
+        .await
     }
 
     async fn stop(&self, request: Request<StopRequest>) -> Result<Response<DeviceMode>, Status> {
-        self.change(&request.get_ref().name, ModeCommand::Stop).await
+        self.change(&Asker::of(request.extensions())?, &request.get_ref().name, ModeCommand::Stop)
+            .await
     }
 
     async fn clear_fault(
         &self,
         request: Request<ClearFaultRequest>,
     ) -> Result<Response<DeviceMode>, Status> {
-        self.change(&request.get_ref().name, ModeCommand::ClearFault).await
+        self.change(
+            &Asker::of(request.extensions())?,
+            &request.get_ref().name,
+            ModeCommand::ClearFault,
+        )
+        .await
     }
 }
 

@@ -4,6 +4,7 @@ mod convert;
 mod desk;
 mod devices;
 mod explain;
+mod guard;
 mod manipulability;
 mod names;
 mod recordings;
@@ -15,11 +16,15 @@ mod watches;
 use std::sync::Arc;
 use std::time::Duration;
 
+use axum::Router;
+use axum::extract::Request;
+use axum::middleware::{Next, from_fn};
 use tokio::sync::watch;
 use tonic::Status;
+use tonic::service::Routes;
 use tonic::transport::Server;
 
-use super::{Door, SessionDesk};
+use super::{Door, Gate, SessionDesk};
 use crate::archive::Archive;
 use crate::config::SceneError;
 use crate::host::{HostError, Hosts};
@@ -42,22 +47,31 @@ const KEEP_ALIVE: Duration = Duration::from_secs(10);
 /// Calls of one connection that may wait at a time.
 const CALLS: u32 = 2048;
 
-/// Serves the services with health and reflection (v1 and v1alpha) until `stopped` is true
-/// or its sender gone, and the calls under way are answered.
-pub async fn serve(
-    door: Door,
-    http_port: u16,
-    hosts: Hosts,
-    sessions: SessionDesk,
-    archive: Arc<Archive>,
-    mut stopped: watch::Receiver<bool>,
-) -> anyhow::Result<()> {
+/// What the services need.
+#[derive(Clone, Debug)]
+pub struct GrpcParts {
+    /// The devices.
+    pub hosts: Hosts,
+    /// The way to the sessions.
+    pub sessions: SessionDesk,
+    /// The recordings.
+    pub archive: Arc<Archive>,
+    /// Who may call.
+    pub gate: Arc<Gate>,
+    /// Where the metrics are.
+    pub http_port: u16,
+}
+
+/// The services behind the guard, with health and reflection (v1 and v1alpha); watches end when
+/// `stopped` is true or its sender gone.
+pub async fn routes(parts: GrpcParts, stopped: watch::Receiver<bool>) -> anyhow::Result<Router> {
+    let GrpcParts { hosts, sessions, archive, gate, http_port } = parts;
     let desks = desks(&hosts);
     let devices = Devices::new(desks.clone(), sessions.clone(), http_port, stopped.clone());
     let devices = DeviceServiceServer::new(devices);
     let recordings = Recordings::new(desks.clone(), archive, stopped.clone());
     let recordings = RecordingServiceServer::new(recordings);
-    let scenes = SceneServiceServer::new(Scenes::new(desks, stopped.clone()));
+    let scenes = SceneServiceServer::new(Scenes::new(desks, stopped));
     let sessions = SessionServiceServer::new(SessionCallsService::new(sessions, hosts));
     let (reporter, health) = tonic_health::server::health_reporter();
     reporter.set_serving::<DeviceServiceServer<Devices>>().await;
@@ -69,6 +83,24 @@ pub async fn serve(
             .register_encoded_file_descriptor_set(DESCRIPTOR_SET)
             .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
     };
+    let guard =
+        from_fn(move |request: Request, next: Next| guard::guard(Arc::clone(&gate), request, next));
+    let routes = Routes::new(devices)
+        .add_service(scenes)
+        .add_service(sessions)
+        .add_service(recordings)
+        .add_service(health)
+        .add_service(reflection().build_v1()?)
+        .add_service(reflection().build_v1alpha()?);
+    Ok(routes.into_axum_router().layer(guard))
+}
+
+/// Serves until `stopped` is true or its sender gone, and the calls under way are answered.
+pub async fn serve(
+    door: Door,
+    routes: Router,
+    mut stopped: watch::Receiver<bool>,
+) -> anyhow::Result<()> {
     let shutdown = async move {
         let _ = stopped.wait_for(|stopped| *stopped).await;
     };
@@ -76,13 +108,7 @@ pub async fn serve(
         .http2_keepalive_interval(Some(KEEP_ALIVE))
         .http2_keepalive_timeout(Some(KEEP_ALIVE))
         .max_concurrent_streams(CALLS)
-        .add_service(devices)
-        .add_service(scenes)
-        .add_service(sessions)
-        .add_service(recordings)
-        .add_service(health)
-        .add_service(reflection().build_v1()?)
-        .add_service(reflection().build_v1alpha()?)
+        .add_routes(Routes::from(routes))
         .serve_with_incoming_shutdown(door.visitors(), shutdown)
         .await?;
     Ok(())

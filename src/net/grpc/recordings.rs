@@ -8,8 +8,10 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status};
 
 use super::desk::{Desk, Desks};
+use super::guard::Asker;
 use super::{field_status, host_status, names};
 use crate::archive::{Archive, ArchiveError, Info};
+use crate::audit::What;
 use crate::host::DeviceHost;
 use crate::proto::recording_service_server::RecordingService;
 use crate::proto::{
@@ -45,6 +47,14 @@ impl Recordings {
         self.desks.iter().find(is).map(|desk| Arc::clone(&desk.host))
     }
 
+    /// A recording, for this caller.
+    async fn get(&self, asker: &Asker, id: &str) -> Result<Info, Status> {
+        let id = id.to_owned();
+        let info = self.ask(move |archive| archive.get(&id)).await?;
+        asker.on(&device_of(&info))?;
+        Ok(info)
+    }
+
     /// Asks the archive where waiting for the disk is allowed.
     async fn ask<T: Send + 'static>(
         &self,
@@ -58,6 +68,11 @@ impl Recordings {
         let done = done.map_err(|error| Status::internal(error.to_string()))?;
         done.map_err(|error| status(&error))
     }
+}
+
+/// Name of the device that a recording is of.
+fn device_of(info: &Info) -> String {
+    format!("devices/{}", info.device)
 }
 
 /// The ID in `recordings/ID`.
@@ -97,10 +112,12 @@ impl RecordingService for Recordings {
         &self,
         request: Request<StartRecordingRequest>,
     ) -> Result<Response<Recording>, Status> {
+        let asker = Asker::of(request.extensions())?;
         let StartRecordingRequest { parent, seconds } = request.into_inner();
-        let host = &names::find_device(&self.desks, "parent", &parent)?.host;
+        let host = &names::find_device(&self.desks, &asker, "parent", &parent)?.host;
         let host = Arc::clone(host);
         let info = self.ask(move |archive| archive.start(&host, seconds)).await?;
+        asker.did(What::RecordingStarted, &device_of(&info), &info.id);
         Ok(Response::new(recording(info)))
     }
 
@@ -108,9 +125,9 @@ impl RecordingService for Recordings {
         &self,
         request: Request<StopRecordingRequest>,
     ) -> Result<Response<Recording>, Status> {
+        let asker = Asker::of(request.extensions())?;
         let id = id_of(&request.get_ref().name)?;
-        let asked = id.clone();
-        let mut info = self.ask(move |archive| archive.get(&asked)).await?;
+        let mut info = self.get(&asker, &id).await?;
         // One of a device that is served no more has come to its end already.
         if let Some(host) = self.host_of(&info) {
             info = self.ask(move |archive| archive.stop(&host, &id)).await?;
@@ -122,17 +139,20 @@ impl RecordingService for Recordings {
         &self,
         request: Request<GetRecordingRequest>,
     ) -> Result<Response<Recording>, Status> {
+        let asker = Asker::of(request.extensions())?;
         let id = id_of(&request.get_ref().name)?;
-        let info = self.ask(move |archive| archive.get(&id)).await?;
+        let info = self.get(&asker, &id).await?;
         Ok(Response::new(recording(info)))
     }
 
     async fn list_recordings(
         &self,
-        _: Request<ListRecordingsRequest>,
+        request: Request<ListRecordingsRequest>,
     ) -> Result<Response<ListRecordingsResponse>, Status> {
+        let asker = Asker::of(request.extensions())?;
         let all = self.ask(|archive| Ok(archive.list())).await?;
-        let recordings = all.into_iter().map(recording).collect();
+        let seen = all.into_iter().filter(|info| asker.sees(&device_of(info)));
+        let recordings = seen.map(recording).collect();
         Ok(Response::new(ListRecordingsResponse { recordings }))
     }
 
@@ -142,7 +162,9 @@ impl RecordingService for Recordings {
         &self,
         request: Request<DownloadRecordingRequest>,
     ) -> Result<Response<Self::DownloadRecordingStream>, Status> {
+        let asker = Asker::of(request.extensions())?;
         let id = id_of(&request.get_ref().name)?;
+        self.get(&asker, &id).await?;
         let mut file = self.ask(move |archive| archive.open_file(&id)).await?;
         let (pieces, stream) = mpsc::channel(PIECES);
         let mut stopped = self.stopped.clone();
@@ -181,8 +203,11 @@ impl RecordingService for Recordings {
         &self,
         request: Request<DeleteRecordingRequest>,
     ) -> Result<Response<DeleteRecordingResponse>, Status> {
+        let asker = Asker::of(request.extensions())?;
         let id = id_of(&request.get_ref().name)?;
+        let info = self.get(&asker, &id).await?;
         self.ask(move |archive| archive.delete(&id)).await?;
+        asker.did(What::RecordingDeleted, &device_of(&info), &info.id);
         Ok(Response::new(DeleteRecordingResponse {}))
     }
 }

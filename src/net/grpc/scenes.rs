@@ -11,7 +11,10 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status};
 
 use super::desk::{Desk, Desks};
+use super::guard::Asker;
+use super::watches::{Watch, until_over};
 use super::{field_status, names, scene_status};
+use crate::audit::What;
 use crate::config::{self, Id, SceneError, object_from_proto, object_to_proto};
 use crate::environment::MAX_OBJECTS;
 use crate::host::DeviceHost;
@@ -39,8 +42,8 @@ impl Scenes {
         Self { desks, watches: Arc::new(Semaphore::new(MAX_WATCHES)), stopped }
     }
 
-    fn find(&self, field: &str, name: &str) -> Result<&Desk, Status> {
-        names::find_scene(&self.desks, field, name)
+    fn find(&self, asker: &Asker, field: &str, name: &str) -> Result<&Desk, Status> {
+        names::find_scene(&self.desks, asker, field, name)
     }
 }
 
@@ -60,6 +63,13 @@ impl Desk {
         self.edits.run(work).await
     }
 
+    /// For the audit log.
+    fn edited(&self, asker: &Asker, how: &str, id: &str, scene: &config::Scene) {
+        let id = if id.is_empty() { "the scene" } else { id };
+        let detail = format!("{id} {how}, revision {}", scene.revision());
+        asker.did(What::SceneChanged, &names::device(&self.host), &detail);
+    }
+
     fn read(&self, id: &str, scene: &config::Scene) -> Result<Response<SceneObject>, Status> {
         let object = scene.get(id).map_err(|error| scene_status(&error))?;
         let name = names::object(&self.host, id);
@@ -70,11 +80,12 @@ impl Desk {
 /// An object with its whole name, as `field`, checked, and the device that it is to belong to.
 fn named<'a>(
     desks: &'a Desks,
+    asker: &Asker,
     field: &str,
     object: &SceneObject,
 ) -> Result<(&'a Desk, config::SceneObject), Status> {
     let name = format!("{field}.name");
-    let (desk, id) = names::find_object(desks, &name, &object.name)?;
+    let (desk, id) = names::find_object(desks, asker, &name, &object.name)?;
     let id = Id::parse(&name, id).map_err(|error| {
         // The whole name is what was written; the rule is that of its last part.
         let value = format!("{:?}", object.name);
@@ -102,7 +113,8 @@ impl SceneService for Scenes {
         &self,
         request: Request<GetSceneRequest>,
     ) -> Result<Response<Scene>, Status> {
-        let Desk { host, .. } = self.find("name", &request.get_ref().name)?;
+        let Desk { host, .. } =
+            self.find(&Asker::of(request.extensions())?, "name", &request.get_ref().name)?;
         Ok(Response::new(scene_to_proto(host, &host.scene())))
     }
 
@@ -110,14 +122,15 @@ impl SceneService for Scenes {
         &self,
         request: Request<ReplaceSceneRequest>,
     ) -> Result<Response<Scene>, Status> {
+        let asker = Asker::of(request.extensions())?;
         let ReplaceSceneRequest { name, objects, scene_revision } = request.into_inner();
-        let desk = self.find("name", &name)?;
+        let desk = self.find(&asker, "name", &name)?;
         if objects.len() > MAX_OBJECTS {
             return Err(scene_status(&SceneError::Full { max: MAX_OBJECTS }));
         }
         let named = |(i, object): (usize, &SceneObject)| {
             let field = format!("objects[{i}]");
-            let (of, checked) = named(&self.desks, &field, object)?;
+            let (of, checked) = named(&self.desks, &asker, &field, object)?;
             if of.host.definition().name == desk.host.definition().name {
                 return Ok(checked);
             }
@@ -128,6 +141,7 @@ impl SceneService for Scenes {
         let objects = objects.iter().enumerate().map(named).collect::<Result<Vec<_>, _>>()?;
         let expected = NonZeroU64::new(scene_revision);
         let (_, scene) = desk.edit(move |scene| scene.replace(objects, expected)).await?;
+        desk.edited(&asker, "replaced", "", &scene);
         Ok(Response::new(scene_to_proto(&desk.host, &scene)))
     }
 
@@ -137,33 +151,29 @@ impl SceneService for Scenes {
         &self,
         request: Request<WatchSceneRequest>,
     ) -> Result<Response<Self::WatchSceneStream>, Status> {
-        let desk = self.find("name", &request.get_ref().name)?;
+        let asker = Asker::of(request.extensions())?;
+        let desk = self.find(&asker, "name", &request.get_ref().name)?;
         let Ok(place) = Arc::clone(&self.watches).try_acquire_owned() else {
             let full = format!("{MAX_WATCHES} watches are open already; end one of them");
             return Err(Status::resource_exhausted(full));
         };
         let (scenes, watched) = mpsc::channel(1);
         let (host, mut newest) = (Arc::clone(&desk.host), desk.newest_scene.subscribe());
-        let mut stopped = self.stopped.clone();
-        tokio::spawn(async move {
-            let _place = place;
-            let tell = async {
-                loop {
-                    // A slow reader is waited for here, and then told the newest.
-                    let Ok(room) = scenes.reserve().await else { return };
-                    let scene = Arc::clone(&newest.borrow_and_update());
-                    room.send(Ok(scene_to_proto(&host, &scene)));
-                    if newest.changed().await.is_err() {
-                        return;
-                    }
+        let (stopped, device) = (self.stopped.clone(), names::device(&host));
+        let told = scenes.clone();
+        let tell = async move {
+            loop {
+                // A slow reader is waited for here, and then told the newest.
+                let Ok(room) = told.reserve().await else { return };
+                let scene = Arc::clone(&newest.borrow_and_update());
+                room.send(Ok(scene_to_proto(&host, &scene)));
+                if newest.changed().await.is_err() {
+                    return;
                 }
-            };
-            tokio::select! {
-                () = tell => {}
-                () = scenes.closed() => {}
-                _ = stopped.wait_for(|stopped| *stopped) => {}
             }
-        });
+        };
+        let watch = Watch { _place: place, stopped, asker, device };
+        tokio::spawn(until_over(tell, scenes, watch));
         Ok(Response::new(ReceiverStream::new(watched)))
     }
 
@@ -171,7 +181,8 @@ impl SceneService for Scenes {
         &self,
         request: Request<ListObjectsRequest>,
     ) -> Result<Response<ListObjectsResponse>, Status> {
-        let Desk { host, .. } = self.find("parent", &request.get_ref().parent)?;
+        let Desk { host, .. } =
+            self.find(&Asker::of(request.extensions())?, "parent", &request.get_ref().parent)?;
         let Scene { revision, objects, .. } = scene_to_proto(host, &host.scene());
         Ok(Response::new(ListObjectsResponse { objects, scene_revision: revision }))
     }
@@ -180,7 +191,9 @@ impl SceneService for Scenes {
         &self,
         request: Request<GetObjectRequest>,
     ) -> Result<Response<SceneObject>, Status> {
-        let (desk, id) = names::find_object(&self.desks, "name", &request.get_ref().name)?;
+        let asker = Asker::of(request.extensions())?;
+        let name = &request.get_ref().name;
+        let (desk, id) = names::find_object(&self.desks, &asker, "name", name)?;
         desk.read(id, &desk.host.scene())
     }
 
@@ -188,15 +201,17 @@ impl SceneService for Scenes {
         &self,
         request: Request<CreateObjectRequest>,
     ) -> Result<Response<SceneObject>, Status> {
+        let asker = Asker::of(request.extensions())?;
         let CreateObjectRequest { parent, object_id, object, scene_revision } =
             request.into_inner();
-        let desk = self.find("parent", &parent)?;
+        let desk = self.find(&asker, "parent", &parent)?;
         let object = object.ok_or_else(missing_object)?;
         let id = Id::parse("object_id", &object_id).map_err(|e| field_status(&e))?;
         let object = object_from_proto(id, &object);
         let object = object.map_err(|error| field_status(&error.within("object")))?;
         let expected = NonZeroU64::new(scene_revision);
         let (_, scene) = desk.edit(move |scene| scene.create(object, expected)).await?;
+        desk.edited(&asker, "created", &object_id, &scene);
         desk.read(&object_id, &scene)
     }
 
@@ -204,10 +219,13 @@ impl SceneService for Scenes {
         &self,
         request: Request<UpdateObjectRequest>,
     ) -> Result<Response<SceneObject>, Status> {
+        let asker = Asker::of(request.extensions())?;
         let UpdateObjectRequest { object, scene_revision } = request.into_inner();
-        let (desk, object) = named(&self.desks, "object", &object.ok_or_else(missing_object)?)?;
+        let object = object.ok_or_else(missing_object)?;
+        let (desk, object) = named(&self.desks, &asker, "object", &object)?;
         let (id, expected) = (object.id().to_string(), NonZeroU64::new(scene_revision));
         let (_, scene) = desk.edit(move |scene| scene.update(object, expected)).await?;
+        desk.edited(&asker, "changed", &id, &scene);
         desk.read(&id, &scene)
     }
 
@@ -215,11 +233,14 @@ impl SceneService for Scenes {
         &self,
         request: Request<DeleteObjectRequest>,
     ) -> Result<Response<DeleteObjectResponse>, Status> {
+        let asker = Asker::of(request.extensions())?;
         let DeleteObjectRequest { name, scene_revision } = request.into_inner();
-        let (desk, id) = names::find_object(&self.desks, "name", &name)?;
-        let id = id.to_owned();
+        let (desk, id) = names::find_object(&self.desks, &asker, "name", &name)?;
+        let (id, deleted) = (id.to_owned(), id);
         let expected = NonZeroU64::new(scene_revision);
-        let (scene_revision, _) = desk.edit(move |scene| scene.delete(&id, expected)).await?;
+        let edit = desk.edit(move |scene| scene.delete(&id, expected)).await?;
+        let (scene_revision, scene) = edit;
+        desk.edited(&asker, "deleted", deleted, &scene);
         Ok(Response::new(DeleteObjectResponse { scene_revision }))
     }
 }

@@ -2,9 +2,10 @@
 
 use tonic::{Request, Response, Status};
 
+use super::guard::{self, Asker};
 use super::{field_status, names};
 use crate::host::Hosts;
-use crate::net::{SealedUdpOffer, SessionDesk};
+use crate::net::{DeskRefusal, SealedUdpOffer, SessionDesk};
 use crate::proto::session_service_server::SessionService;
 use crate::proto::{
     self, AcquireLeaseRequest, ByeReason, CloseSessionRequest, CloseSessionResponse, Lease,
@@ -51,6 +52,7 @@ impl SessionService for SessionCallsService {
         &self,
         request: Request<ListSessionsRequest>,
     ) -> Result<Response<ListSessionsResponse>, Status> {
+        let asker = Asker::of(request.extensions())?;
         let device = request.into_inner().device;
         if !device.is_empty() && !self.hosts.iter().any(|host| names::device(host) == device) {
             let known: Vec<_> = self.hosts.iter().map(|host| names::device(host)).collect();
@@ -58,8 +60,10 @@ impl SessionService for SessionCallsService {
             return Err(Status::not_found(format!("device = {device:?}: this server has {known}")));
         }
         let list = move |board: &mut Switchboard, now_ns| {
-            let wanted =
-                |sessions: &&Sessions| device.is_empty() || sessions.device_name() == device;
+            let wanted = |sessions: &&Sessions| {
+                let name = sessions.device_name();
+                asker.sees(&name) && (device.is_empty() || name == device)
+            };
             let of = |sessions| list_of(sessions, now_ns);
             board.devices().filter(wanted).flat_map(of).collect()
         };
@@ -71,6 +75,7 @@ impl SessionService for SessionCallsService {
         request: Request<OpenSessionRequest>,
     ) -> Result<Response<OpenSessionResponse>, Status> {
         let missing = || field_status(&FieldError::new("hello", "(none)", "is required"));
+        let asker = Asker::of(request.extensions())?;
         let request = request.into_inner();
         let sealed = wants_sealed(request.transport)?;
         let hello = request.hello.ok_or_else(missing)?;
@@ -84,9 +89,8 @@ impl SessionService for SessionCallsService {
             Ok::<_, Status>(SealedUdpOffer { association, secret, ticket })
         };
         let offer = sealed.then(offer).transpose()?;
-        let ended = || Status::unavailable("the stream has ended");
-        let opened = self.desk.open(hello, ticket, offer).await.ok_or_else(ended)?;
-        let welcome = opened.map_err(|refusal| call_status(&refusal))?;
+        let opened = self.desk.open(asker.who(), hello, ticket, offer).await;
+        let welcome = opened.map_err(|refusal| desk_status(&refusal))?;
         tracing::info!(session = welcome.session, device = welcome.device, "opened by a call");
         let port = self.desk.udp_port().into();
         let sealed_udp = offer.map(|SealedUdpOffer { association, secret, .. }| proto::SealedUdp {
@@ -102,9 +106,9 @@ impl SessionService for SessionCallsService {
         &self,
         request: Request<CloseSessionRequest>,
     ) -> Result<Response<CloseSessionResponse>, Status> {
+        let (caller, _) = Asker::of(request.extensions())?.who();
         let id = session_id(&request.get_ref().name)?;
-        let closed = self.ask(move |board, now_ns| board.close(id, now_ns)).await?;
-        closed.map_err(|refusal| call_status(&refusal))?;
+        self.desk.close(caller, id).await.map_err(|refusal| desk_status(&refusal))?;
         Ok(Response::new(CloseSessionResponse {}))
     }
 
@@ -112,20 +116,19 @@ impl SessionService for SessionCallsService {
         &self,
         request: Request<AcquireLeaseRequest>,
     ) -> Result<Response<Lease>, Status> {
+        let (caller, _) = Asker::of(request.extensions())?.who();
         let AcquireLeaseRequest { name, takeover } = request.into_inner();
         let id = session_id(&name)?;
-        let lease =
-            self.ask(move |board, now_ns| board.acquire_lease(id, takeover, now_ns)).await?;
-        told("lease given", lease)
+        told("lease given", self.desk.acquire_lease(caller, id, takeover).await)
     }
 
     async fn release_lease(
         &self,
         request: Request<ReleaseLeaseRequest>,
     ) -> Result<Response<Lease>, Status> {
+        let (caller, _) = Asker::of(request.extensions())?.who();
         let id = session_id(&request.get_ref().name)?;
-        let lease = self.ask(move |board, now_ns| board.release_lease(id, now_ns)).await?;
-        told("lease released", lease)
+        told("lease released", self.desk.release_lease(caller, id).await)
     }
 }
 
@@ -140,8 +143,8 @@ fn wants_sealed(transport: i32) -> Result<bool, Status> {
     }
 }
 
-fn told(what: &str, lease: Result<LeaseInfo, CallRefusal>) -> Result<Response<Lease>, Status> {
-    let LeaseInfo { holder, epoch } = lease.map_err(|refusal| call_status(&refusal))?;
+fn told(what: &str, lease: Result<LeaseInfo, DeskRefusal>) -> Result<Response<Lease>, Status> {
+    let LeaseInfo { holder, epoch } = lease.map_err(|refusal| desk_status(&refusal))?;
     let session = holder.map_or_else(String::new, |holder| holder.to_string());
     tracing::info!(session, epoch, what);
     Ok(Response::new(Lease { session, epoch }))
@@ -151,6 +154,14 @@ fn session_id(name: &str) -> Result<SessionId, Status> {
     SessionId::parse(name).ok_or_else(|| {
         field_status(&FieldError::new("name", format!("{name:?}"), "must be sessions/ID"))
     })
+}
+
+fn desk_status(refusal: &DeskRefusal) -> Status {
+    match refusal {
+        DeskRefusal::Call(refusal) => call_status(refusal),
+        DeskRefusal::Caller(refused) => guard::status(refused),
+        DeskRefusal::Ended => Status::unavailable(refusal.to_string()),
+    }
 }
 
 fn call_status(refusal: &CallRefusal) -> Status {

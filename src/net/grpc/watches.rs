@@ -8,10 +8,11 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::sync::{OwnedSemaphorePermit, mpsc, watch};
-use tokio::time::{Instant, sleep_until};
+use tokio::time::sleep;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::Status;
 
+use super::guard::Asker;
 use super::{convert, field_status, names};
 use crate::control::Event;
 use crate::host::DeviceHost;
@@ -23,6 +24,9 @@ use crate::units::FieldError;
 /// Between two looks: a few ticks.
 const PERIOD: Duration = Duration::from_millis(10);
 
+/// Between two looks whether whoever watches still may.
+const LOOK: Duration = Duration::from_secs(1);
+
 /// Messages that may wait for a slow reader; what is newer waits in the history.
 const WAITING: usize = 16;
 
@@ -32,9 +36,29 @@ const AT_ONCE: usize = 64;
 /// What a watch needs besides its subject: its place among the watches, and the end of all.
 pub struct Watch {
     /// Given back when the watch ends.
-    pub place: OwnedSemaphorePermit,
+    pub _place: OwnedSemaphorePermit,
     /// True, or its sender gone: the server ends.
     pub stopped: watch::Receiver<bool>,
+    /// Who watches.
+    pub asker: Asker,
+    /// What it watches; empty: all that is its business.
+    pub device: String,
+}
+
+impl Watch {
+    /// Waits for the end: without a word where the server ends, with one where the credential
+    /// does not count any more.
+    pub async fn over(&mut self) -> Option<Status> {
+        loop {
+            tokio::select! {
+                _ = self.stopped.wait_for(|stopped| *stopped) => return None,
+                () = sleep(LOOK) => {}
+            }
+            if let Err(status) = self.asker.still(&self.device) {
+                return Some(status);
+            }
+        }
+    }
 }
 
 /// A stream of answers.
@@ -54,23 +78,40 @@ pub fn events(
     }
     let (only_past, end) = (request.only_past, newest);
     let (sender, answers) = mpsc::channel(WAITING);
-    tokio::spawn(async move {
+    let told = sender.clone();
+    let tell = async move {
         let mut reader = Reader { host, seen };
-        let mut watch = watch;
         loop {
             for event in reader.read() {
                 // Whoever does not read waits here, and nobody else does.
-                tokio::select! {
-                    sent = sender.send(Ok(event)) => if sent.is_err() { return },
-                    _ = watch.stopped.wait_for(|stopped| *stopped) => return,
+                if told.send(Ok(event)).await.is_err() {
+                    return;
                 }
             }
-            if only_past && reader.seen >= end || !pause(&sender, &mut watch).await {
+            if only_past && reader.seen >= end {
                 return;
             }
+            sleep(PERIOD).await;
         }
-    });
+    };
+    tokio::spawn(until_over(tell, sender, watch));
     Ok(ReceiverStream::new(answers))
+}
+
+/// Goes on until there is nothing more to tell, nobody to tell it to, or the watch is over.
+pub async fn until_over<T>(
+    tell: impl Future<Output = ()>,
+    sender: mpsc::Sender<Result<T, Status>>,
+    mut watch: Watch,
+) {
+    tokio::select! {
+        () = tell => {}
+        () = sender.closed() => {}
+        last = watch.over() => {
+            // A reader that is slow sees an end without a word.
+            last.map(|status| sender.try_send(Err(status)));
+        }
+    }
 }
 
 /// The list of devices, at once and whenever it changes.
@@ -79,28 +120,19 @@ pub fn devices(
     watch: Watch,
 ) -> Answers<proto::ListDevicesResponse> {
     let (sender, answers) = mpsc::channel(1);
-    tokio::spawn(async move {
-        let (mut last, mut watch) = (None, watch);
+    let told = sender.clone();
+    let tell = async move {
+        let mut last = None;
         loop {
             let answer = list();
-            if last.as_ref() != Some(&answer) && sender.try_send(Ok(answer.clone())).is_ok() {
+            if last.as_ref() != Some(&answer) && told.try_send(Ok(answer.clone())).is_ok() {
                 last = Some(answer);
             }
-            if !pause(&sender, &mut watch).await {
-                return;
-            }
+            sleep(PERIOD).await;
         }
-    });
+    };
+    tokio::spawn(until_over(tell, sender, watch));
     ReceiverStream::new(answers)
-}
-
-/// Until the next look; false when there is none.
-async fn pause<T>(sender: &mpsc::Sender<T>, watch: &mut Watch) -> bool {
-    tokio::select! {
-        () = sleep_until(Instant::now() + PERIOD) => true,
-        () = sender.closed() => false,
-        _ = watch.stopped.wait_for(|stopped| *stopped) => false,
-    }
 }
 
 /// Reads the history once through.
