@@ -93,6 +93,14 @@ impl Server {
         &self.target
     }
 
+    /// Memory that is its own and not on disk.
+    pub fn memory_kib(&self) -> anyhow::Result<i64> {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id()))?;
+        let line = status.lines().find_map(|line| line.strip_prefix("RssAnon:"));
+        let number = line.and_then(|rest| rest.trim().strip_suffix(" kB"));
+        Ok(number.context("the system does not tell")?.trim().parse()?)
+    }
+
     /// What it measured since this was last asked.
     pub fn take_figures(&mut self) -> anyhow::Result<Figures> {
         self.ask.as_mut().context("the server is stopped")?.write_all(b"\n")?;

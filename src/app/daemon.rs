@@ -62,8 +62,9 @@ pub struct Daemon {
 impl Daemon {
     /// Starts everything.
     pub fn start(config: &ServerConfig, start: Start) -> anyhow::Result<Self> {
+        let telemetry = Telemetry::new()?;
         let Ready { devices, state_dir, identity, browser, archive, gate, sockets } =
-            Ready::new(config, start)?;
+            Ready::new(config, start, &telemetry)?;
         let sha256 = identity.sha256();
         let grpc_address = sockets.grpc.local_addr()?;
         let http_address = sockets.http.local_addr()?;
@@ -79,7 +80,6 @@ impl Daemon {
         };
         let mut services = Services::prepare(listeners)?;
 
-        let telemetry = Telemetry::new()?;
         let (mut connected, mut streamed) = (Vec::new(), Vec::new());
         for device in devices {
             let sessions = session_config(config, &device, grpc_address.port());
@@ -187,7 +187,7 @@ struct Ready {
 }
 
 impl Ready {
-    fn new(config: &ServerConfig, start: Start) -> anyhow::Result<Self> {
+    fn new(config: &ServerConfig, start: Start, telemetry: &Telemetry) -> anyhow::Result<Self> {
         let definitions = load_devices(&config.devices)?;
         let state_dir = StateDir::open(state_path(config)?)?;
         let ready = |(served, definition): (&ServedDevice, DeviceDefinition)| {
@@ -197,7 +197,7 @@ impl Ready {
         let devices = devices.collect::<Result<_, _>>()?;
         let identity = Identity::load_or_create(state_dir.path())?;
         let browser = Arc::new(BrowserIdentity::load_or_create(state_dir.path())?);
-        let gate = Arc::new(gate(config, state_dir.path())?);
+        let gate = Arc::new(gate(config, state_dir.path(), telemetry)?);
         let sockets = Sockets::bind(config, start.or_free_ports)?;
         let archive = Arc::new(Archive::open(state_dir.path())?);
         Ok(Self { devices, state_dir, identity, browser, archive, gate, sockets })
@@ -205,7 +205,7 @@ impl Ready {
 }
 
 /// Beyond loopback with the credentials that were issued; without any, nobody could come.
-fn gate(config: &ServerConfig, state_dir: &Path) -> anyhow::Result<Gate> {
+fn gate(config: &ServerConfig, state_dir: &Path, telemetry: &Telemetry) -> anyhow::Result<Gate> {
     let keyring = config.is_guarded().then(|| Keyring::open(state_dir)).transpose()?;
     let nobody = keyring.as_ref().is_some_and(|keyring| keyring.credentials().list().is_empty());
     let allowed = "nobody has a credential yet, so nobody could come in: \
@@ -214,7 +214,7 @@ fn gate(config: &ServerConfig, state_dir: &Path) -> anyhow::Result<Gate> {
     ensure!(!nobody, FieldError::new("server.listen", config.listen, allowed));
     let audit = AuditLog::open(state_dir)
         .with_context(|| format!("cannot write the audit log in {}", state_dir.display()))?;
-    Ok(Gate::new(keyring, audit))
+    Ok(Gate::new(keyring, audit, telemetry.turned_away()))
 }
 
 /// Who hears what is said on plain HTTP.

@@ -3,11 +3,13 @@
 
 use std::net::SocketAddr;
 use std::sync::Arc;
+use std::time::Duration;
 
-use quinn::Endpoint;
 use quinn::crypto::rustls::QuicClientConfig;
-use web_transport_quinn::Session;
-use web_transport_quinn::proto::ConnectRequest;
+use quinn::{ConnectionError, Endpoint};
+use tokio::task::JoinSet;
+use web_transport_quinn::proto::{self, ConnectRequest};
+use web_transport_quinn::{ClientError as WebTransportError, ConnectError, Session};
 
 use super::verify::ByFingerprint;
 use super::{ClientError, ConnectString, Transport};
@@ -16,6 +18,12 @@ use crate::quic::{self, PINNED_NAME, WEBTRANSPORT_PATH};
 /// TLS alert 49, `access_denied` (RFC 8446, section 6): a certificate that the application
 /// does not accept.
 const ACCESS_DENIED_ALERT: u8 = 49;
+
+/// Between two attempts.
+const AGAIN: Duration = Duration::from_secs(1);
+
+/// For all of them.
+const PATIENCE: Duration = Duration::from_secs(10);
 
 /// A connection with the endpoint that drives it. Where no address of the host answers, the
 /// last one's error.
@@ -33,7 +41,9 @@ pub async fn dial(
     let missing = std::io::Error::new(std::io::ErrorKind::NotFound, "it has no address");
     let mut failed = ClientError::Resolve { host: host(), source: missing };
     for address in addresses {
-        match try_one(target, transport, address).await {
+        let insisted = tokio::time::timeout(PATIENCE, insist(target, transport, address)).await;
+        let timed_out = ClientError::Connect { address, source: ConnectionError::TimedOut };
+        match insisted.unwrap_or(Err(timed_out)) {
             Ok(connected) => return Ok(connected),
             Err(error) => failed = error,
         }
@@ -41,14 +51,51 @@ pub async fn dial(
     Err(failed)
 }
 
-async fn try_one(
+/// A handshake that loses a few packets in a row waits ever longer for the next one. So a new one
+/// begins beside it after a while, and the first that comes to its end counts.
+async fn insist(
     target: &ConnectString,
+    transport: Transport,
+    address: SocketAddr,
+) -> Result<(Session, Endpoint), ClientError> {
+    let mut attempts = JoinSet::new();
+    loop {
+        attempts.spawn(try_one(target.clone(), transport, address));
+        match tokio::time::timeout(AGAIN, attempts.join_next()).await {
+            Ok(Some(Ok(Ok(connected)))) => return Ok(connected),
+            Ok(Some(Ok(Err(error)))) if !is_of_the_path(&error) => return Err(error),
+            // One was lost on the way, or all of them are still there.
+            Ok(_) | Err(_) => {}
+        }
+    }
+}
+
+/// Whether another attempt may come to another end.
+fn is_of_the_path(error: &ClientError) -> bool {
+    match error {
+        ClientError::Connect { source, .. } => *source == ConnectionError::TimedOut,
+        ClientError::WebTransport { source, .. } => match source {
+            WebTransportError::Connection(_) | WebTransportError::SettingsError(_) => true,
+            WebTransportError::HttpError(ConnectError::ProtoError(error)) => {
+                matches!(error, proto::ConnectError::UnexpectedEnd)
+            }
+            WebTransportError::HttpError(error) => {
+                !matches!(error, ConnectError::ErrorStatus(_) | ConnectError::ProtocolMismatch(_))
+            }
+            _ => false,
+        },
+        _ => false,
+    }
+}
+
+async fn try_one(
+    target: ConnectString,
     transport: Transport,
     address: SocketAddr,
 ) -> Result<(Session, Endpoint), ClientError> {
     let webtransport = transport == Transport::WebTransport;
     let alpn = if webtransport { quic::alpn_webtransport() } else { quic::alpn() };
-    let endpoint = endpoint(target, alpn, address)?;
+    let endpoint = endpoint(&target, alpn, address)?;
     let connecting = endpoint
         .connect(address, PINNED_NAME)
         .map_err(|source| ClientError::Address { address, source })?;

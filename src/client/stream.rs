@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use quinn::ConnectionError;
 use tokio::time::{Interval, MissedTickBehavior};
 
 use super::carrier::{Carrier, Heard};
@@ -19,8 +18,7 @@ use crate::wire::{self, PROTOCOL};
 /// Pings of a client: often enough for a fresh figure, too few to matter.
 const PING_INTERVAL: Duration = Duration::from_millis(100);
 
-/// How often a connection is tried that is lost before the server's answer; one that was never
-/// made, twice.
+/// How often a connection is tried that is lost before the server's answer.
 const ATTEMPTS: u32 = 4;
 
 /// Pings that may wait for their answer; one that is overtaken by so many is lost.
@@ -133,44 +131,43 @@ impl Client {
             left -= 1;
             match Self::attempt(target, &options).await {
                 Err(ClientError::Lost(_)) if left > 0 => {}
-                Err(ClientError::Connect { source, .. })
-                    if left + 1 == ATTEMPTS && source == ConnectionError::TimedOut => {}
                 ended => return ended,
             }
         }
     }
 
     async fn attempt(target: &ConnectString, options: &Options) -> Result<Self, ClientError> {
-        let mut carrier =
-            Carrier::open(target, options.transport, options.hello(target.token.as_deref()))
-                .await?;
-        let welcome = loop {
-            match carrier.hear().await? {
-                Heard::Message(Message::Welcome(welcome)) => break welcome,
-                Heard::Message(Message::Bye(bye)) => return Err(said(&bye)),
-                Heard::Message(Message::Hello(_) | Message::Event(_)) => {
-                    return Err(ClientError::NoWelcome);
-                }
-                // It overtook the answer.
-                Heard::Datagram(_) => {}
-            }
-        };
-        let ping = options.pings.then(|| {
-            let mut ping = tokio::time::interval(PING_INTERVAL);
-            ping.set_missed_tick_behavior(MissedTickBehavior::Delay);
-            ping
-        });
-        Ok(Self {
-            carrier,
-            welcome,
-            ping,
+        let hello = options.hello(target.token.as_deref());
+        let mut client = Self {
+            carrier: Carrier::open(target, options.transport, hello).await?,
+            welcome: Welcome::default(),
+            ping: None,
             started: Instant::now(),
             command_seq: 0,
             states_received: 0,
             ping_seq: 0,
             unanswered: BTreeMap::new(),
             event_id: 0,
-        })
+        };
+        client.welcome = loop {
+            match client.carrier.hear().await? {
+                Heard::Message(Message::Welcome(welcome)) => break welcome,
+                Heard::Message(Message::Bye(bye)) => return Err(said(&bye)),
+                Heard::Message(Message::Hello(_) | Message::Event(_)) => {
+                    return Err(ClientError::NoWelcome);
+                }
+                // It overtook the answer; a server that pings and hears nothing gives up.
+                Heard::Datagram(datagram) => {
+                    unless_lost(client.on_datagram(&datagram).map(|_| ()))?;
+                }
+            }
+        };
+        client.ping = options.pings.then(|| {
+            let mut ping = tokio::time::interval(PING_INTERVAL);
+            ping.set_missed_tick_behavior(MissedTickBehavior::Delay);
+            ping
+        });
+        Ok(client)
     }
 
     /// What the server answered.

@@ -17,7 +17,8 @@ use std::net::SocketAddr;
 use ring::hmac;
 
 use crate::sealed::{
-    AssociationId, Direction, Kind, Messages, Opener, Sealer, Secret, association_of, ends,
+    AssociationId, Direction, Kind, Messages, Opener, Sealer, Secret, Unsealed, association_of,
+    ends,
 };
 use crate::session::{SessionId, Ticket};
 
@@ -43,6 +44,8 @@ pub struct TooManyAssociations;
 pub enum Heard<'a> {
     /// Nothing that is to be answered or acted on.
     Nothing,
+    /// Not sealed as it should be; `None`: of no association that is open.
+    Unsealed(Option<Unsealed>),
     /// Send this to where the packet came from.
     Answer(Vec<u8>),
     /// The client has shown that it is where it says: its session can be joined with this.
@@ -119,10 +122,14 @@ impl Associations {
         from: SocketAddr,
         now_ns: u64,
     ) -> Heard<'a> {
-        let Some(id) = association_of(packet, Direction::Up) else { return Heard::Nothing };
-        let Some(association) = self.open.get_mut(&id) else { return Heard::Nothing };
+        let id = association_of(packet, Direction::Up);
+        let open = id.and_then(|id| Some((id, self.open.get_mut(&id)?)));
+        let Some((id, association)) = open else { return Heard::Unsealed(None) };
         let length = packet.len();
-        let Ok((kind, body)) = association.opener.open(packet) else { return Heard::Nothing };
+        let (kind, body) = match association.opener.open(packet) {
+            Ok(opened) => opened,
+            Err(unsealed) => return Heard::Unsealed(Some(unsealed)),
+        };
         if association.address != Some(from) {
             let proved = proof(id, from);
             if kind != Kind::Here || hmac::verify(&self.cookies, &proved, body).is_err() {
@@ -261,6 +268,7 @@ mod tests {
     ) -> Heard<'static> {
         match table.on_packet(&mut packet.to_vec(), from, now_ns) {
             Heard::Nothing => Heard::Nothing,
+            Heard::Unsealed(why) => Heard::Unsealed(why),
             Heard::Answer(answer) => Heard::Answer(answer),
             Heard::Arrived { association, ticket } => Heard::Arrived { association, ticket },
             Heard::Datagram { session, body } => {
@@ -303,7 +311,8 @@ mod tests {
         let command = sealer.seal(Kind::Datagram, b"Command").unwrap();
         let expected = Heard::Datagram { session: session(), body: b"Command" };
         assert_eq!(hear(table, &command, at(1), MS), expected);
-        assert_eq!(hear(table, &command, at(1), MS), Heard::Nothing, "replayed");
+        let replayed = Heard::Unsealed(Some(Unsealed::Replayed));
+        assert_eq!(hear(table, &command, at(1), MS), replayed);
     }
 
     #[test]
@@ -403,8 +412,16 @@ mod tests {
         leading[9] = 0x7f;
         let foreign = ends(&[4; 32], ID, Direction::Up).0.seal(Kind::Datagram, b"x").unwrap();
         let unknown = ends(&SECRET, *b"nobodyxx", Direction::Up).0.seal(Kind::Here, &[0; 32]);
-        for packet in [&forged, &leading, &foreign, &unknown.unwrap(), &good[..20].to_vec()] {
-            assert_eq!(hear(&mut all.0, packet, at(1), 0), Heard::Nothing);
+        let (unknown, short) = (unknown.unwrap(), good[..20].to_vec());
+        let by_others = Some(Unsealed::Forged);
+        for (packet, why) in [
+            (&forged, by_others),
+            (&leading, by_others),
+            (&foreign, by_others),
+            (&unknown, None),
+            (&short, None),
+        ] {
+            assert_eq!(hear(&mut all.0, packet, at(1), 0), Heard::Unsealed(why));
         }
         let heard = hear(&mut all.0, &good, at(1), 0);
         assert!(matches!(heard, Heard::Datagram { .. }), "the good one still counts: {heard:?}");

@@ -7,6 +7,7 @@
 
 use crate::audit::{AuditLog, Event, What};
 use crate::credentials::{Denied, Grant, Holder, Keyring, LOCAL, NotAllowed, TokenHash};
+use crate::telemetry::{TurnedAway, TurnedAwayMetrics};
 use crate::utc::Utc;
 
 /// The gate of one server.
@@ -15,6 +16,7 @@ pub struct Gate {
     /// `None`: everybody may do everything.
     keyring: Option<Keyring>,
     audit: AuditLog,
+    metrics: TurnedAwayMetrics,
 }
 
 /// Somebody who was let in.
@@ -38,8 +40,8 @@ pub enum Refused {
 
 impl Gate {
     /// With a keyring it asks for credentials, without it for nothing.
-    pub fn new(keyring: Option<Keyring>, audit: AuditLog) -> Self {
-        Self { keyring, audit }
+    pub fn new(keyring: Option<Keyring>, audit: AuditLog, metrics: TurnedAwayMetrics) -> Self {
+        Self { keyring, audit, metrics }
     }
 
     /// Whether a credential is needed.
@@ -75,8 +77,14 @@ impl Gate {
         self.audit.record(&Event { what, who: caller.name(), from, device, detail });
     }
 
+    /// Something reached no session.
+    pub fn count(&self, why: TurnedAway) {
+        self.metrics.count(why);
+    }
+
     /// Somebody was not let in, or not allowed what was asked for.
     pub fn record_refused(&self, who: &str, from: &str, device: &str, detail: &str) {
+        self.count(TurnedAway::Denied);
         self.audit.record(&Event { what: What::Refused, who, from, device, detail });
     }
 }
@@ -116,12 +124,15 @@ impl Refused {
 mod tests {
     use super::*;
     use crate::credentials::{CredentialFile, Wanted};
+    use crate::telemetry::Telemetry;
 
     #[test]
     fn without_a_keyring_everybody_is_local_and_with_one_a_token_decides() {
         let folder = tempfile::tempdir().unwrap();
         let audit = || AuditLog::open(folder.path()).unwrap();
-        let open = Gate::new(None, audit());
+        let telemetry = Telemetry::new().unwrap();
+        let metrics = || telemetry.turned_away();
+        let open = Gate::new(None, audit(), metrics());
         let caller = open.judge("").unwrap();
         assert_eq!(caller.name(), "local");
         assert_eq!(open.still(&caller, Grant::Operator, "devices/any"), Ok(()));
@@ -135,7 +146,8 @@ mod tests {
             replace: false,
         };
         let (token, _) = file.issue(wanted, Utc::now()).unwrap();
-        let guarded = Gate::new(Some(Keyring::open(folder.path()).unwrap()), audit());
+        let keyring = Keyring::open(folder.path()).unwrap();
+        let guarded = Gate::new(Some(keyring), audit(), metrics());
         assert_eq!(guarded.judge(""), Err(Denied::Missing));
         assert_eq!(guarded.judge("guessed"), Err(Denied::Unknown));
         let anna = guarded.judge(token.as_str()).unwrap();

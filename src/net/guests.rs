@@ -55,7 +55,7 @@ impl Guests {
 
     /// A session was opened for it.
     pub fn arrived(&mut self, session: SessionId, guest: Guest, info: &SessionInfo<'_>) {
-        let detail = format!("{session}: {} {:?}", info.role.name(), info.client_name);
+        let detail = format!("{session}: {}, {}", info.role.name(), info.client_name);
         self.tell(What::SessionOpened, &guest, &detail);
         self.known.insert(session, guest);
     }

@@ -94,7 +94,8 @@ pub async fn serve(
     }
     if reach != Reach::Watchers {
         router = router.route("/certificate-hashes", get(hashes));
-        router = router.merge(services.layer(GrpcWebLayer::new()));
+        // What is no call is not there, and not a bad call.
+        router = router.merge(services.layer(GrpcWebLayer::new()).reset_fallback());
     }
     let access = Arc::new(access);
     let router = router.layer(from_fn(move |request: Request, next: Next| {

@@ -86,6 +86,7 @@ pub(super) struct Hub {
     pub peers: HashMap<SessionId, Carrier>,
     pub sealed: SealedUdp,
     pub guests: Guests,
+    pub gate: Arc<Gate>,
     /// By the place of the device.
     bridges: Vec<Bridges>,
 }
@@ -111,8 +112,8 @@ impl Hub {
             });
         }
         let sessions = Switchboard::new(configs);
-        let guests = Guests::new(gate);
-        (Self { sessions, peers: HashMap::new(), sealed, guests, bridges }, doorbells)
+        let guests = Guests::new(Arc::clone(&gate));
+        (Self { sessions, peers: HashMap::new(), sealed, guests, gate, bridges }, doorbells)
     }
 
     /// A message came on a reliable stream. Returns by which number its client is known from
@@ -291,6 +292,7 @@ impl Hub {
                     let here = |session: &SessionInfo<'_>| session.transport == transport;
                     metrics.sessions(role, transport, alike(&here));
                 }
+                metrics.slowed(role, alike(&|session| session.slowed_by > 1));
                 for quality in Quality::ALL {
                     let as_good = |session: &SessionInfo<'_>| session.quality == quality;
                     metrics.qualities(role, quality, alike(&as_good));

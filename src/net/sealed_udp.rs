@@ -9,8 +9,9 @@ use tokio::net::UdpSocket;
 use super::associations::{Associations, Heard, TooManyAssociations};
 use super::hub::{Carrier, Hub, Shared};
 use crate::clock::now_ns;
-use crate::sealed::{AssociationId, MAX_PACKET_BYTES, Secret};
+use crate::sealed::{AssociationId, MAX_PACKET_BYTES, Secret, Unsealed};
 use crate::session::{SessionId, Ticket, Transport};
+use crate::telemetry::TurnedAway;
 use crate::wire::FrameDecoder;
 
 /// Packets heard before others have their turn, however many wait.
@@ -107,6 +108,7 @@ fn hear_some(hub: &mut Hub, socket: &UdpSocket, buffer: &mut [u8]) {
 fn hear_one(hub: &mut Hub, packet: &mut [u8], from: SocketAddr) {
     match hub.sealed.table.on_packet(packet, from, now_ns()) {
         Heard::Nothing => {}
+        Heard::Unsealed(why) => hub.gate.count(turned_away(why)),
         Heard::Answer(answer) => {
             hub.sealed.post(&answer, from);
         }
@@ -124,6 +126,14 @@ fn hear_one(hub: &mut Hub, packet: &mut [u8], from: SocketAddr) {
                 Err(error) => hub.sessions.on_broken_stream(session, error, now_ns()),
             }
         }
+    }
+}
+
+fn turned_away(why: Option<Unsealed>) -> TurnedAway {
+    match why {
+        None => TurnedAway::SealedUnknown,
+        Some(Unsealed::Replayed) => TurnedAway::SealedReplayed,
+        Some(Unsealed::Malformed | Unsealed::Forged) => TurnedAway::SealedForged,
     }
 }
 

@@ -32,6 +32,7 @@ use crate::clock::now_ns;
 use crate::quic;
 use crate::sealed::Secret;
 use crate::session::SessionId;
+use crate::telemetry::TurnedAway;
 
 /// Between two looks at each session: at what was refused, for a log line at most, and at
 /// whether its credential still counts.
@@ -142,7 +143,8 @@ async fn serve(
         Ok(sealed) => sealed,
         Err(error) => return tracing::error!(%error, "sealed UDP cannot be served"),
     };
-    let (hub, doorbells) = Hub::new(parts.devices, sealed, parts.gate);
+    let gate = parts.gate;
+    let (hub, doorbells) = Hub::new(parts.devices, sealed, Arc::clone(&gate));
     let hub = Rc::new(RefCell::new(hub));
     let runtime = Arc::new(quinn::TokioRuntime);
     match Endpoint::new(EndpointConfig::default(), Some(config), parts.socket, runtime) {
@@ -156,7 +158,7 @@ async fn serve(
             tokio::task::spawn_local(tell_refusals(Rc::clone(&hub)));
             tokio::task::spawn_local(judge_again(Rc::clone(&hub)));
             tokio::select! {
-                () = accept(&endpoint, &hub, parts.access) => {}
+                () = accept(&endpoint, &hub, parts.access, &gate) => {}
                 _ = stopped => {}
             }
             end(&endpoint, &hub).await;
@@ -165,7 +167,7 @@ async fn serve(
     }
 }
 
-async fn accept(endpoint: &Endpoint, hub: &Shared, access: Access) {
+async fn accept(endpoint: &Endpoint, hub: &Shared, access: Access, gate: &Gate) {
     let access = Rc::new(access);
     let handshakes = Rc::new(RefCell::new(Handshakes::new(now_ns())));
     while let Some(incoming) = endpoint.accept().await {
@@ -183,11 +185,15 @@ async fn accept(endpoint: &Endpoint, hub: &Shared, access: Access) {
                     }
                 });
             }
-            // One that cannot be asked to try again is not worth a word.
             Verdict::Retry => {
-                incoming.retry().unwrap_or_else(|error| error.into_incoming().ignore())
+                gate.count(TurnedAway::HandshakeRetried);
+                // One that cannot be asked to try again is not worth a word.
+                incoming.retry().unwrap_or_else(|error| error.into_incoming().ignore());
             }
-            Verdict::Ignore => incoming.ignore(),
+            Verdict::Ignore => {
+                gate.count(TurnedAway::HandshakeIgnored);
+                incoming.ignore();
+            }
         }
     }
 }

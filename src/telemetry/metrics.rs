@@ -135,6 +135,7 @@ pub struct StreamMetrics {
     datagrams: Vec<(Counter, u64)>,
     stale: Vec<(Counter, u64)>,
     sessions: Vec<(Gauge, usize)>,
+    slowed: Vec<(Gauge, usize)>,
     qualities: Vec<(Gauge, usize)>,
     rtt: Vec<Histogram>,
     one_way: Vec<Histogram>,
@@ -150,6 +151,7 @@ impl StreamMetrics {
             datagrams: counters(&table::DATAGRAMS).collect(),
             stale: counters(&table::STALE).collect(),
             sessions: gauges(&table::SESSIONS).collect(),
+            slowed: gauges(&table::SESSIONS_SLOWED).collect(),
             qualities: gauges(&table::SESSION_QUALITY).collect(),
             rtt: telemetry.histograms(&table::SESSION_RTT, device),
             one_way: telemetry.histograms(&table::ONE_WAY_DELAY, device),
@@ -173,6 +175,11 @@ impl StreamMetrics {
     pub fn sessions(&mut self, role: Role, transport: Transport, open: usize) {
         let place = role as usize * Transport::ALL.len() + transport as usize;
         show(&mut self.sessions[place], open);
+    }
+
+    /// Says how many sessions of a role get fewer States than they asked for.
+    pub fn slowed(&mut self, role: Role, open: usize) {
+        show(&mut self.slowed[role as usize], open);
     }
 
     /// Says how many sessions of a role have a path of this quality now.

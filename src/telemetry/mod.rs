@@ -18,9 +18,11 @@ mod metrics;
 mod registry;
 mod summary;
 pub mod table;
+mod turned_away;
 
 pub use feed::{LatestReport, spawn};
 pub use history::{EventHistory, Happened, KEPT};
 pub use metrics::{DeviceMetrics, StreamMetrics};
 pub use registry::{Scrape, Telemetry, TelemetryError};
 pub use summary::{RegionTicks, RoundTrips, RunFigures, RunSummary, durations_ns};
+pub use turned_away::{TurnedAway, TurnedAwayMetrics};

@@ -11,6 +11,7 @@ use metrics_exporter_prometheus::{
 
 use super::metrics::{DeviceMetrics, StreamMetrics};
 use super::table::{BUILD_INFO, Kind, ROWS, Row, Scope};
+use super::turned_away::TurnedAwayMetrics;
 
 const METADATA: Metadata<'static> = Metadata::new("hapticd", Level::INFO, None);
 
@@ -53,6 +54,11 @@ impl Telemetry {
     pub fn stream(&self, name: &str) -> StreamMetrics {
         self.begin(Scope::Device, Some(name));
         StreamMetrics::new(self, name)
+    }
+
+    /// The metrics of what reaches no session.
+    pub fn turned_away(&self) -> TurnedAwayMetrics {
+        TurnedAwayMetrics::new(self)
     }
 
     /// What a scrape asks.

@@ -7,6 +7,7 @@
 //! first scrape, and the handles of [`super::DeviceMetrics`] and [`super::StreamMetrics`]
 //! take rows, not names.
 
+use super::turned_away::TurnedAway;
 use crate::actuation::Region;
 use crate::control::{DeviceError, Fault, Limit, Mode};
 use crate::rt::Right;
@@ -211,6 +212,9 @@ rows! {
     ONE_WAY_DELAY: Device Histogram(ROUND_TRIP_S), "one_way_delay_seconds"
         ["direction": || each(Direction::ALL.map(Direction::name))],
         "Halves of those round trips, estimated; off by at most half the least round trip.";
+    SESSIONS_SLOWED: Device Gauge, "sessions_slowed"
+        ["role": || each(Role::ALL.map(Role::name))],
+        "Sessions open now that get fewer States than they asked for: their path loses them.";
     SESSION_QUALITY: Device Gauge, "session_quality" [
         "role": || each(Role::ALL.map(Role::name)),
         "quality": || each(Quality::ALL.map(Quality::name))],
@@ -218,6 +222,10 @@ rows! {
     STALE: Device Counter, "stale_total"
         ["reason": || each(StaleReason::ALL.map(StaleReason::name))],
         "Commands whose force was taken away.";
+
+    TURNED_AWAY: Server Counter, "turned_away_total"
+        ["why": || each(TurnedAway::ALL.map(TurnedAway::name))],
+        "What came from outside and reached no session.";
 }
 
 #[cfg(test)]

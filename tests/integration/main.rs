@@ -3,6 +3,8 @@
 #![allow(non_snake_case)]
 
 #[cfg(feature = "net")]
+mod attacks;
+#[cfg(feature = "net")]
 mod commands;
 #[cfg(feature = "net")]
 mod credentials;

@@ -127,7 +127,7 @@ fn a_server_that_is_another_or_not_there_is_said_over_each_of_them() {
 }
 
 /// Opened by a call, and not yet anywhere.
-fn opened(rig: &Rig, role: Role) -> (Sealer, hapticd::sealed::Opener, UdpSocket) {
+pub fn opened(rig: &Rig, role: Role) -> (Sealer, hapticd::sealed::Opener, UdpSocket) {
     let hello = hapticd::proto::Hello {
         versions: vec!["hapticd/1".into()],
         role: role.into(),

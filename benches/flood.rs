@@ -1,0 +1,311 @@
+//! A million bad datagrams of each kind, as fast as one processor sends them: what does the loop
+//! feel of it, what is sent back, what does it cost in memory, and what changes?
+//!
+//! The server is a process of its own. A controller holds a wall meanwhile and answers every
+//! State. Before each flood there is a quiet run of the same setting; figures of the loop
+//! compare with that. On a machine with two processors the sender takes one of them,
+//! which is the better part of what is seen.
+//!
+//! Kinds: random bytes on the port of QUIC; first packets of handshakes that are never gone on
+//! with; packets of sealed UDP for associations that do not exist, forged for one that does, one
+//! good packet again and again; and a client with a session that seals rubbish.
+//!
+//! `--quick`: twenty thousand of each.
+
+mod clients;
+mod measure;
+mod server;
+
+use std::net::{SocketAddr, UdpSocket};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, ensure};
+use clients::{Crowd, Session};
+use hapticd::client::{Client, ConnectString, Options, services};
+use hapticd::proto::{Hello, OpenSessionRequest, Role, Transport};
+use hapticd::sealed::{Direction, Kind, Opener, Sealer, ends};
+use measure::quick;
+use rand::{Rng, RngCore, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use server::{Figures, Server};
+use tokio::runtime::Runtime;
+
+/// Of each kind.
+const DATAGRAMS: usize = 1_000_000;
+
+/// Different first packets of handshakes.
+const FIRST_PACKETS: usize = 64;
+
+/// A quiet run; a flood takes its time.
+const QUIET: Duration = Duration::from_secs(4);
+
+/// Between two looks at what came back.
+const LOOK: usize = 64;
+
+fn main() -> anyhow::Result<()> {
+    if let Some(config) = server::asked() {
+        return server::serve(&config);
+    }
+    let count = if quick() { DATAGRAMS / 50 } else { DATAGRAMS };
+    let mut server = Server::start("hand = \"press-and-slide\"")?;
+    let target = server.target().clone();
+    let mut controller = Crowd::new(&target);
+    let wall = Session { role: Role::Controller, state_interval: Duration::ZERO, answers: true };
+    controller.join(&[wall])?;
+    std::thread::sleep(Duration::from_secs(1));
+    println!(
+        "{:34} {:>9} {:>7} | {:>13} {:>13} {:>15} {:>13} | {:>9}",
+        format!("{count} datagrams each"),
+        "1000/s",
+        "back/%",
+        "wake-up/us",
+        "tick/us",
+        "overruns/1000",
+        "States/%",
+        "memory/KiB"
+    );
+    let runtime =
+        tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
+    for (name, ready) in KINDS {
+        let quiet = Run::of(&mut server, &controller, || {
+            std::thread::sleep(QUIET);
+            Ok(())
+        })?;
+        let memory_kib = server.memory_kib()?;
+        let mut sent = Sent::default();
+        let flood = ready(&target, &runtime)?;
+        let flooded = Run::of(&mut server, &controller, || {
+            sent = flood.run(count)?;
+            Ok(())
+        })?;
+        ensure!(controller.lost() == 0, "{name}: the controller lost its session");
+        println!(
+            "{name:34} {:>9.0} {:>7.1} | {:>6.0} {:>6.0} {:>6.1} {:>6.1} {:>7.2} {:>7.2} {:>6.1} {:>6.1} | {:>+9}",
+            count as f64 / sent.took.as_secs_f64() / 1e3,
+            100.0 * sent.back_bytes as f64 / sent.bytes as f64,
+            quiet.figure("wakeup_p99_us")?,
+            flooded.figure("wakeup_p99_us")?,
+            quiet.figure("tick_p99_us")?,
+            flooded.figure("tick_p99_us")?,
+            quiet.per_thousand("overruns")?,
+            flooded.per_thousand("overruns")?,
+            quiet.states_percent()?,
+            flooded.states_percent()?,
+            server.memory_kib()? - memory_kib,
+        );
+        ensure!(sent.back_bytes <= sent.bytes, "{name}: more is sent back than came");
+        ensure!(
+            flooded.figure("commanded_ratio")? > 0.5,
+            "{name}: the wall of the controller was gone"
+        );
+    }
+    Ok(())
+}
+
+/// What the server did in a stretch of time.
+struct Run {
+    figures: Figures,
+    states: u64,
+}
+
+impl Run {
+    fn of(
+        server: &mut Server,
+        controller: &Crowd,
+        during: impl FnOnce() -> anyhow::Result<()>,
+    ) -> anyhow::Result<Self> {
+        server.take_figures()?;
+        let before: u64 = controller.received().iter().sum();
+        during()?;
+        let figures = server.take_figures()?;
+        Ok(Self { figures, states: controller.received().iter().sum::<u64>() - before })
+    }
+
+    fn figure(&self, name: &str) -> anyhow::Result<f64> {
+        self.figures.get(name)
+    }
+
+    fn per_thousand(&self, name: &str) -> anyhow::Result<f64> {
+        Ok(1000.0 * self.figure(name)? / self.figure("ticks")?)
+    }
+
+    fn states_percent(&self) -> anyhow::Result<f64> {
+        Ok(100.0 * self.states as f64 / self.figure("ticks")?)
+    }
+}
+
+/// What a flood was.
+#[derive(Default)]
+struct Sent {
+    took: Duration,
+    bytes: u64,
+    back_bytes: u64,
+}
+
+/// Kinds of floods; each is made ready just before it begins, because who waits is forgotten.
+const KINDS: [(&str, Ready); 6] = [
+    ("random bytes to QUIC", |target, _| {
+        Flood::of(quic(target), |rng, packet| {
+            packet.resize(rng.random_range(1..1_200), 0);
+            rng.fill_bytes(packet);
+        })
+    }),
+    ("handshakes without an end", |target, runtime| {
+        let (firsts, mut turn) = (runtime.block_on(first_packets(target))?, 0);
+        Flood::of(quic(target), move |_, packet| {
+            turn = (turn + 1) % firsts.len();
+            packet.clone_from(&firsts[turn]);
+        })
+    }),
+    ("sealed, of nobody", |target, runtime| {
+        let member = runtime.block_on(Member::open(target))?;
+        Flood::of(member.to, |rng, packet| {
+            packet.resize(rng.random_range(34..1_200), 0);
+            rng.fill_bytes(packet);
+            packet[0] = UP;
+        })
+    }),
+    ("sealed, forged", |target, runtime| {
+        let member = runtime.block_on(Member::open(target))?;
+        Flood::of(member.to, move |rng, packet| {
+            packet.resize(80, 0);
+            rng.fill_bytes(packet);
+            packet[0] = UP;
+            packet[1..9].copy_from_slice(&member.association);
+            packet[9..12].fill(0);
+        })
+    }),
+    ("sealed, replayed", |target, runtime| {
+        let mut member = runtime.block_on(Member::open(target))?;
+        let good = member.sealer.seal(Kind::Here, &[0; 32]).context("it fits")?;
+        Flood::of(member.to, move |_, packet| packet.clone_from(&good))
+    }),
+    ("rubbish of a client", |target, runtime| {
+        let mut member = runtime.block_on(Member::open(target))?;
+        member.arrive()?;
+        let Member { to, mut sealer, socket, .. } = member;
+        let rubbish = move |rng: &mut ChaCha8Rng, packet: &mut Vec<u8>| {
+            let mut body = [0; 60];
+            rng.fill_bytes(&mut body);
+            *packet = sealer.seal(Kind::Datagram, &body).unwrap_or_default();
+        };
+        Ok(Flood { to, socket, next: Box::new(rubbish) })
+    }),
+];
+
+/// Makes a flood ready.
+type Ready = fn(&ConnectString, &Runtime) -> anyhow::Result<Flood>;
+
+/// First byte of a sealed packet to the server.
+const UP: u8 = 0xa1;
+
+fn quic(target: &ConnectString) -> SocketAddr {
+    SocketAddr::from(([127, 0, 0, 1], target.stream_port))
+}
+
+/// Writes the next packet.
+type Next = Box<dyn FnMut(&mut ChaCha8Rng, &mut Vec<u8>)>;
+
+/// One flood, ready to begin.
+struct Flood {
+    to: SocketAddr,
+    socket: UdpSocket,
+    next: Next,
+}
+
+impl Flood {
+    fn of(
+        to: SocketAddr,
+        next: impl FnMut(&mut ChaCha8Rng, &mut Vec<u8>) + 'static,
+    ) -> anyhow::Result<Self> {
+        Ok(Self { to, socket: UdpSocket::bind("127.0.0.1:0")?, next: Box::new(next) })
+    }
+
+    fn run(mut self, count: usize) -> anyhow::Result<Sent> {
+        self.socket.set_nonblocking(true)?;
+        let (mut rng, mut packet) = (ChaCha8Rng::seed_from_u64(1), Vec::new());
+        let (mut sent, mut buffer) = (Sent::default(), [0; 2048]);
+        let began = Instant::now();
+        for number in 0..count {
+            (self.next)(&mut rng, &mut packet);
+            // What the system does not take was not sent.
+            if let Ok(length) = self.socket.send_to(&packet, self.to) {
+                sent.bytes += length as u64;
+            }
+            if number % LOOK == 0 || number + 1 == count {
+                while let Ok(length) = self.socket.recv(&mut buffer) {
+                    sent.back_bytes += length as u64;
+                }
+            }
+        }
+        sent.took = began.elapsed();
+        Ok(sent)
+    }
+}
+
+/// An observer over sealed UDP.
+struct Member {
+    association: [u8; 8],
+    to: SocketAddr,
+    sealer: Sealer,
+    opener: Opener,
+    socket: UdpSocket,
+}
+
+impl Member {
+    async fn open(target: &ConnectString) -> anyhow::Result<Self> {
+        let hello = Hello {
+            versions: vec!["hapticd/1".into()],
+            role: Role::Observer.into(),
+            // As few States as there can be: what comes back is not theirs.
+            state_interval_us: 1_000_000,
+            ..Hello::default()
+        };
+        let transport = Transport::SealedUdp.into();
+        let request = OpenSessionRequest { hello: Some(hello), transport };
+        let opened = services(target).await?.sessions.open_session(request).await?.into_inner();
+        let sealed = opened.sealed_udp.context("sealed UDP was asked for")?;
+        let wrong = |_| anyhow::anyhow!("the answer has another length");
+        let association = sealed.association.try_into().map_err(wrong)?;
+        let secret = sealed.secret.try_into().map_err(wrong)?;
+        let (sealer, opener) = ends(&secret, association, Direction::Up);
+        let to = SocketAddr::from(([127, 0, 0, 1], u16::try_from(sealed.port)?));
+        let socket = UdpSocket::bind("127.0.0.1:0")?;
+        Ok(Self { association, to, sealer, opener, socket })
+    }
+
+    /// Shows the cookie; from then on its rubbish is heard by the session.
+    fn arrive(&mut self) -> anyhow::Result<()> {
+        self.socket.set_read_timeout(Some(Duration::from_secs(5)))?;
+        let mut cookie = vec![0; 32];
+        for _ in 0..2 {
+            let here = self.sealer.seal(Kind::Here, &cookie).context("it fits")?;
+            self.socket.send_to(&here, self.to)?;
+            let mut buffer = [0; 2048];
+            let length = self.socket.recv(&mut buffer)?;
+            if let Ok((Kind::Challenge, shown)) = self.opener.open(&mut buffer[..length]) {
+                cookie = shown.to_vec();
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The first packets of clients, which a socket that says nothing takes.
+async fn first_packets(target: &ConnectString) -> anyhow::Result<Vec<Vec<u8>>> {
+    let trap = tokio::net::UdpSocket::bind("127.0.0.1:0").await?;
+    let trapped = ConnectString { stream_port: trap.local_addr()?.port(), ..target.clone() };
+    let mut packets = Vec::new();
+    while packets.len() < FIRST_PACKETS {
+        let target = trapped.clone();
+        let client = tokio::spawn(async move {
+            // Never answered.
+            let _ = Client::connect(&target, Options::new("trapped", Role::Observer)).await;
+        });
+        let mut buffer = [0; 2048];
+        let length = trap.recv(&mut buffer).await?;
+        client.abort();
+        packets.push(buffer[..length].to_vec());
+    }
+    Ok(packets)
+}
