@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use quinn::crypto::rustls::QuicClientConfig;
 use quinn::{ConnectionError, Endpoint};
+use tokio::net::UdpSocket;
 use tokio::task::JoinSet;
 use web_transport_quinn::proto::{self, ConnectRequest};
 use web_transport_quinn::{ClientError as WebTransportError, ConnectError, Session};
@@ -20,10 +21,14 @@ use crate::quic::{self, PINNED_NAME, WEBTRANSPORT_PATH};
 const ACCESS_DENIED_ALERT: u8 = 49;
 
 /// Between two attempts.
-const AGAIN: Duration = Duration::from_secs(1);
+const AGAIN: Duration = Duration::from_millis(500);
 
-/// For all of them.
-const PATIENCE: Duration = Duration::from_secs(10);
+/// For all of them; where nobody listens at the port, a server may be about to start.
+const PATIENCE: Duration = Duration::from_secs(15);
+const NOBODY_THERE: Duration = Duration::from_secs(3);
+
+/// For the word that nobody listens.
+const A_WORD: Duration = Duration::from_millis(500);
 
 /// A connection with the endpoint that drives it. Where no address of the host answers, the
 /// last one's error.
@@ -41,14 +46,42 @@ pub async fn dial(
     let missing = std::io::Error::new(std::io::ErrorKind::NotFound, "it has no address");
     let mut failed = ClientError::Resolve { host: host(), source: missing };
     for address in addresses {
-        let insisted = tokio::time::timeout(PATIENCE, insist(target, transport, address)).await;
-        let timed_out = ClientError::Connect { address, source: ConnectionError::TimedOut };
-        match insisted.unwrap_or(Err(timed_out)) {
+        let insisted = tokio::select! {
+            insisted = insist(target, transport, address) => insisted,
+            () = patience(address) => {
+                Err(ClientError::Connect { address, source: ConnectionError::TimedOut })
+            }
+        };
+        match insisted {
             Ok(connected) => return Ok(connected),
             Err(error) => failed = error,
         }
     }
     Err(failed)
+}
+
+/// As long as it makes sense to insist.
+async fn patience(address: SocketAddr) {
+    let began = tokio::time::Instant::now();
+    let nobody = tokio::time::timeout(A_WORD, is_refused(address)).await.unwrap_or(false);
+    tokio::time::sleep_until(began + if nobody { NOBODY_THERE } else { PATIENCE }).await;
+}
+
+/// Whether the system there says that nobody listens at a port, which it may: a single byte is
+/// nothing to a server.
+async fn is_refused(address: SocketAddr) -> bool {
+    let asked = async {
+        let socket = UdpSocket::bind(any(address)).await?;
+        socket.connect(address).await?;
+        socket.send(&[0]).await?;
+        socket.recv(&mut [0]).await
+    };
+    asked.await.is_err_and(|error| error.kind() == std::io::ErrorKind::ConnectionRefused)
+}
+
+/// Any of our own addresses towards this one.
+fn any(towards: SocketAddr) -> SocketAddr {
+    if towards.is_ipv4() { ([0, 0, 0, 0], 0).into() } else { ([0_u16; 8], 0).into() }
 }
 
 /// A handshake that loses a few packets in a row waits ever longer for the next one. So a new one
@@ -140,9 +173,7 @@ fn endpoint(
         .map_err(|error| ClientError::Tls(rustls::Error::General(error.to_string())))?;
     let mut config = quinn::ClientConfig::new(Arc::new(tls));
     config.transport_config(quic::client_transport());
-    let any: SocketAddr =
-        if address.is_ipv4() { ([0, 0, 0, 0], 0).into() } else { ([0u16; 8], 0).into() };
-    let mut endpoint = Endpoint::client(any).map_err(ClientError::Socket)?;
+    let mut endpoint = Endpoint::client(any(address)).map_err(ClientError::Socket)?;
     endpoint.set_default_client_config(config);
     Ok(endpoint)
 }

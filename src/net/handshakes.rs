@@ -12,7 +12,7 @@ use std::net::IpAddr;
 
 /// Most under way at a time, and of one address.
 const MOST: usize = 64;
-const MOST_OF_ONE: usize = 16;
+const MOST_OF_ONE: usize = 32;
 
 /// Most in a row, and in a second: 2 % of the stream thread.
 const BURST: f64 = 64.0;
