@@ -12,7 +12,7 @@ use hapticd::proto::{
 };
 use hapticd::wire::{encode, encode_frame};
 use hapticd_fuzz::script::Script;
-use hapticd_fuzz::{TARGETS, messages, objects, recordings, sessions};
+use hapticd_fuzz::{TARGETS, messages, objects, packets, recordings, sessions};
 use prost::Message;
 use rand::{RngCore, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -66,6 +66,7 @@ fn seeds_of(target: &str) -> Seeds {
                 ("devices.toml", devices),
             ])
         }
+        "sealed" => packets(),
         "session_events" => [named([("story", story())]), scripts()].concat(),
         _ => scripts(),
     }
@@ -76,10 +77,12 @@ fn scripts() -> Seeds {
 }
 
 /// What clients do on a usual day, as a script of `session_events`: two controllers of one
-/// device, of which the second takes the lease; both command, both are asked how they are.
+/// device, of which the second takes the lease; both command, both are asked how they are. After
+/// half a second without a State a wrench is too old, and a wall is not. A third, which watches,
+/// comes over sealed UDP.
 fn story() -> Vec<u8> {
     let mut bytes = vec![0; 5]; // the clock begins at zero
-    let connect = [0];
+    let connect = [0, 0]; // by QUIC
     // Who, usual, device, controller, takes the lease or not, no detail, nothing else.
     let hello = |who, takeover| [1, who, 0, 0, 1, takeover, 0, 0, 0, 0];
     // On a device, several, how many; each without a move, a loss or a delay.
@@ -91,7 +94,13 @@ fn story() -> Vec<u8> {
         let force = [0, 0, 192, 0, 0, 128, 0, 0, 128];
         [head.as_slice(), &force, &[0, 0, 0]].concat()
     };
+    // As of the newest State, for 100 ms; one half-space, of which everything else is usual.
+    let wall =
+        |who| [[3, who, 0, 0, 0, 0, 0, 100, 0, 0, 1].as_slice(), &[0; 41], &[0, 0, 0]].concat();
     let half_a_second = [15, 8, 0];
+    // A call, of nobody in particular, that opens: usual, device, observer, nothing else; ticket.
+    let opened = [17, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8];
+    let come_sealed = [18, 2];
     for part in [
         connect.as_slice(),
         &hello(0, 0),
@@ -106,6 +115,10 @@ fn story() -> Vec<u8> {
         &wrench(0), // of an observer by now
         &ticks(40),
         &half_a_second,
+        &wrench(1), // too old
+        &wall(1),
+        &opened,
+        &come_sealed,
         &ticks(60),
         &[11, 1, 0, 0], // Bye
         &ticks(4),
@@ -113,7 +126,7 @@ fn story() -> Vec<u8> {
         bytes.extend_from_slice(part);
     }
     let seen = sessions::run(&bytes);
-    assert_eq!((seen.welcomed, seen.setpoints), (2, 4), "three commands, and one let go");
+    assert_eq!((seen.welcomed, seen.setpoints), (3, 6), "four commands, and two let go");
     bytes
 }
 
@@ -199,6 +212,53 @@ fn frames() -> Seeds {
     let all = [frame(SayHello(hello.clone())), frame(Tell(event)), frame(SayBye(bye))].concat();
     let in_parts = [&[3, 1, 7, 40], all.as_slice()].concat();
     named([("hello", [vec![0], frame(SayHello(hello))].concat()), ("in-parts", in_parts)])
+}
+
+/// Of each kind; the script is of a client that comes, speaks and moves, and a server that answers.
+fn packets() -> Seeds {
+    let mut exchange = vec![255, 0, 0, 0, 0, 0]; // the clock begins at zero
+    let knock = [0];
+    // Not from elsewhere, and only once.
+    let deliver = [8, 0, 0, 0];
+    let sends = |what: u8, text: &str| {
+        [&[what, text.len() as u8], text.as_bytes(), &[0]].concat() // not a long one
+    };
+    let says = |what, text| [sends(what, text).as_slice(), &[0]].concat(); // and once
+    let arrives = [knock.as_slice(), &deliver, &deliver, &knock, &deliver].concat();
+    let five_ms = [17, 2];
+    for part in [
+        arrives.as_slice(),
+        &sends(1, "a command"),
+        &deliver,
+        &says(6, "welcome"),
+        &[7], // all that the server has to say
+        &deliver,
+        &deliver,
+        &says(2, "bye"),
+        &[3], // all that the client has
+        &deliver,
+        &deliver,
+        &[18, 1], // the client is elsewhere
+        &five_ms,
+        &arrives,
+        &sends(5, "a state"),
+        &deliver,
+    ] {
+        exchange.extend_from_slice(part);
+    }
+    let seen = packets::run(&exchange[1..]);
+    assert_eq!(seen, packets::Seen { joined: true, datagrams: 2, messages: 2 });
+    let mut seeds = named([
+        ("exchange", exchange),
+        ("header-alone", [vec![0], [0; 34].to_vec()].concat()),
+        ("message", [[0].as_slice(), &[0, 0, 0, 1], b"bye"].concat()),
+        ("changed", [[32].as_slice(), &[1], b"a command"].concat()),
+    ]);
+    for number in 0..SCRIPTS {
+        seeds.push((format!("numbers-{number}"), [vec![64], random(number, 300)].concat()));
+        seeds.push((format!("script-{number}"), [vec![96], random(number, 600)].concat()));
+    }
+    seeds
 }
 
 /// One file as it is, and scripts for changes of one.

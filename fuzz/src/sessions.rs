@@ -2,10 +2,11 @@
 //!
 //! A script connects clients to a server of two devices, lets them say Hello, command, ping,
 //! say nonsense, vanish and take the lease from each other, while time passes and the devices
-//! tick with what they were told. [`world`] is that server and those clients; [`rules`] says
-//! what must be true of everything that comes out.
+//! tick with what they were told. [`world`] is that server and those clients; [`rules`] and
+//! [`setpoints`] say what must be true of everything that comes out.
 
 mod rules;
+mod setpoints;
 mod world;
 
 use crate::script::Script;

@@ -46,7 +46,7 @@ fn setting(script: &mut Script<'_>) -> Setting {
         200..=227 => -i64::from(script.u16()),
         _ => script.u64() as i64,
     };
-    match script.below(15) {
+    match script.below(17) {
         0 => Setting::Strategy(script.one_of(&Strategy::ALL)),
         1 => Setting::ForceLimit_N(script.number(0.1, 1e4)),
         2 => Setting::ForceGain(script.number(0.0, 1.0)),
@@ -61,6 +61,8 @@ fn setting(script: &mut Script<'_>) -> Setting {
         11 => Setting::MountOrientation_xyzw(orientation(script)),
         12 => Setting::ToolOffset_m([(); 3].map(|()| script.number(-1.0, 1.0))),
         13 => Setting::ToolRadius_m(script.number(0.0, 0.1)),
+        14 => Setting::PassivityReserve_J(script.number(1e-3, 1e3)),
+        15 => Setting::PassivityPower_W(script.number(0.0, 1e3)),
         _ => {
             let point = |script: &mut Script<'_>| [(); 3].map(|()| script.number(-1.0, 1.0));
             Setting::ToolPoints_m((0..script.below(10)).map(|_| point(script)).collect())
@@ -82,6 +84,8 @@ fn check_ranges(settings: &Settings) {
     assert!((0.0..=1.0).contains(&guards.force_gain));
     assert!((1.0..=1e9).contains(&guards.slew_N_per_s));
     assert!((0.0..=1e3).contains(&guards.stop_capacity_Nm));
+    assert!((1e-3..=1e3).contains(&guards.passivity_reserve_J));
+    assert!((0.0..=1e3).contains(&guards.passivity_power_W));
     assert!(guards.closure_limit_rad > 0.0 && guards.closure_limit_rad < 3.2);
     assert!(guards.activation_ramp_ns <= 10_000_000_000 && guards.stale_ramp_ns <= 10_000_000_000);
     assert!((1..=1_000_000).contains(&guards.max_overruns));

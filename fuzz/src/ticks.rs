@@ -11,8 +11,8 @@ use assert_no_alloc::assert_no_alloc;
 use hapticd::actuation::{ActuatorKind, Strategy};
 use hapticd::config::{BUILT_IN, DeviceDefinition, Scene, build_plan};
 use hapticd::control::{
-    ActuatorCommand, ControlCommand, ControlState, Decision, DeviceError, Mode, ModeCommand, Plan,
-    Report, Sample, Setpoint, TickInput, Wrench, tick,
+    ActuatorCommand, ControlCommand, ControlState, Decision, DeviceError, Limit, Mode, ModeCommand,
+    Plan, Report, Sample, Setpoint, TickInput, Wrench, tick,
 };
 use hapticd::environment::{
     Contact, Corridor, Element, ForceField, Guide, Material, SceneItem, Shape, Surface,
@@ -67,6 +67,8 @@ pub fn check_commands(plan: &Plan, decision: &Decision) {
         assert!(!still || value_Nm == 0.0, "{:?} commands nothing: {command:?}", report.mode);
     }
     assert_eq!(report.fault.is_some(), report.mode == Mode::Fault);
+    let moves = plan.actuators.kinds[..plan.mechanism.actuators()].contains(&ActuatorKind::Motor);
+    assert!(moves || !report.limits.contains(Limit::Passivity), "brakes feed nothing");
 }
 
 /// What must be true of a report where nothing but checked numbers went in.
@@ -183,6 +185,8 @@ fn edge(script: &mut Script<'_>, state: &mut ControlState, plan: &mut Box<Plan>,
             next.generation += 1;
             next.strategy = script.one_of(&Strategy::ALL);
             next.guards.force_gain = script.inside(0.0, 1.0);
+            next.guards.passivity_reserve_J = script.inside(0.001, 0.5);
+            next.guards.passivity_power_W = script.inside(0.0, 0.5);
             next.tool.radius_m = script.inside(0.0, 0.1);
             command(state, plan, ControlCommand::SwapPlan(next));
         }

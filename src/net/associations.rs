@@ -5,11 +5,11 @@
 //!  opened by a call ──Here──▶ Challenge ──Here with the cookie──▶ bound to an address, joined
 //! ```
 //!
-//! Nothing is streamed to an address before a cookie has come back from it, and an answer to
-//! who has not shown one is never longer than what asked for it: a spoofed address gets nothing
-//! that it did not pay for. What is not sealed with an association's key is dropped after a look
-//! into a table. An association whose client moves to another address is challenged there, and
-//! streamed to at the old one until the cookie has come from the new.
+//! Nothing is streamed to an address before a cookie has come back from it, and no answer is
+//! longer than what asked for it: a spoofed address gets nothing that it did not pay for. What is
+//! not sealed with an association's key is dropped after a look into a table. An association whose
+//! client moves to another address is challenged there, and streamed to at the old one until the
+//! cookie has come from the new.
 
 use std::collections::HashMap;
 use std::net::SocketAddr;
@@ -223,6 +223,9 @@ impl Association {
 
     fn on_message<'a>(&mut self, session: SessionId, body: &'a [u8]) -> Heard<'a> {
         let (taken, frame) = self.messages.on_message(body);
+        if body.len() < taken.len() {
+            return Heard::Nothing; // without a number it is no message, and pays for no answer
+        }
         let Some(answer) = self.sealer.seal(Kind::Taken, &taken) else { return Heard::Nothing };
         match frame {
             Some(frame) => Heard::Message { session, frame, answer },
@@ -366,6 +369,21 @@ mod tests {
         assert!(matches!(heard, Heard::Message { frame: b"Bye", .. }), "{heard:?}");
         let again = sealer.seal(Kind::Message, &body).unwrap();
         assert!(matches!(hear(table, &again, at(1), 0), Heard::Answer(_)), "its answer was lost");
+    }
+
+    #[test]
+    fn what_has_no_number_is_no_message_and_gets_no_answer() {
+        let mut all = opened();
+        arrive(&mut all, at(1), 0);
+        all.0.join(ID, session());
+        for count in 0..6 {
+            let packet = all.1.seal(Kind::Message, &[0; 6][..count]).unwrap();
+            match hear(&mut all.0, &packet, at(1), 0) {
+                Heard::Nothing => assert!(count < 4),
+                Heard::Answer(answer) => assert!(count >= 4 && answer.len() <= packet.len()),
+                heard => panic!("{heard:?}"),
+            }
+        }
     }
 
     #[test]

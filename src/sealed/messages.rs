@@ -5,6 +5,8 @@
 
 use std::collections::VecDeque;
 
+use super::MAX_BODY_BYTES;
+
 /// Messages that may wait to be taken; an end that takes none loses its association.
 pub const WAITING_MESSAGES: usize = 256;
 
@@ -16,6 +18,9 @@ const AT_A_TIME: usize = 8;
 
 /// Number, in front of each message.
 const NUMBER_BYTES: usize = 4;
+
+/// A longer one fits no packet: it would wait for ever, and all others behind it.
+const MAX_MESSAGE_BYTES: usize = MAX_BODY_BYTES - NUMBER_BYTES;
 
 /// Both directions of one end.
 #[derive(Debug, Default)]
@@ -29,9 +34,9 @@ pub struct Messages {
 }
 
 impl Messages {
-    /// A message to say; false where too many wait already.
+    /// A message to say; false where too many wait already, or it is too long.
     pub fn say(&mut self, message: &[u8]) -> bool {
-        if self.waiting.len() >= WAITING_MESSAGES {
+        if self.waiting.len() >= WAITING_MESSAGES || message.len() > MAX_MESSAGE_BYTES {
             return false;
         }
         self.last = self.last.wrapping_add(1);
@@ -80,6 +85,7 @@ impl Messages {
 mod tests {
     use super::*;
     use crate::impairment::{ImpairedPath, Impairment};
+    use crate::sealed::{Direction, Kind, ends};
 
     const MS: u64 = 1_000_000;
 
@@ -132,6 +138,27 @@ mod tests {
         assert_eq!(messages.due(0).count(), AT_A_TIME);
         assert_eq!(messages.due(AGAIN_NS - 1).count(), 0);
         assert_eq!(messages.due(AGAIN_NS).count(), AT_A_TIME);
+    }
+
+    #[test]
+    fn the_longest_message_fits_a_packet_and_a_longer_one_stops_no_other() {
+        let mut messages = Messages::default();
+        assert!(messages.say(&[7; 1_176]));
+        assert!(!messages.say(&[7; 1_177]));
+        assert!(messages.say(b"x"));
+        let due: Vec<_> = messages.due(0).map(<[u8]>::to_vec).collect();
+        let (mut sealer, mut opener) = (
+            ends(&[7; 32], *b"somebody", Direction::Up).0,
+            ends(&[7; 32], *b"somebody", Direction::Down).1,
+        );
+        let mut other = Messages::default();
+        for (number, body) in due.iter().enumerate() {
+            let mut packet = sealer.seal(Kind::Message, body).unwrap();
+            let (_, body) = opener.open(&mut packet).unwrap();
+            let length = [1_176, 1][number];
+            assert_eq!(other.on_message(body).1.map(<[u8]>::len), Some(length));
+        }
+        assert_eq!(due.len(), 2);
     }
 
     #[test]

@@ -27,7 +27,7 @@ impl Default for ReplayWindow {
 impl ReplayWindow {
     /// It was not taken before. What is too old to tell counts as taken.
     pub fn is_new(&self, number: u64) -> bool {
-        if number == 0 || number.saturating_add(WINDOW) <= self.newest {
+        if number == 0 || self.newest.saturating_sub(number) >= WINDOW {
             return false;
         }
         number > self.newest || self.blocks[place(number)] & bit(number) == 0
@@ -80,6 +80,14 @@ mod tests {
         assert!(offer(&mut window, 6), "just not");
         assert!(offer(&mut window, u64::MAX) && !offer(&mut window, u64::MAX));
         assert!(!offer(&mut window, WINDOW + 6));
+    }
+
+    #[test]
+    fn the_last_of_all_numbers_has_a_window_as_any_other() {
+        let mut window = ReplayWindow::default();
+        assert!(offer(&mut window, u64::MAX));
+        assert!(offer(&mut window, u64::MAX - WINDOW + 1) && offer(&mut window, u64::MAX - 1));
+        assert!(!offer(&mut window, u64::MAX - WINDOW) && !offer(&mut window, u64::MAX - 1));
     }
 
     proptest! {

@@ -17,7 +17,7 @@
 use super::Role;
 use crate::proto::SessionState;
 
-/// A session this quiet is closed; also the time for a Hello to come.
+/// A session this quiet is closed.
 pub(super) const SILENCE_NS: u64 = 2_000_000_000;
 
 /// Missed commands in a row that end Commanding.

@@ -75,13 +75,18 @@ impl Offset {
         let ahead = i128::from(best.offset_ns);
         let clock = Clock {
             offset_ns: best.offset_ns,
-            in_ns: clamped(now - (returned - ahead)).max(0) as u64,
-            out_ns: clamped(received - ahead - sent).max(0) as u64,
+            in_ns: half(now - (returned - ahead), rtt_ns),
+            out_ns: half(received - ahead - sent, rtt_ns),
             bound_ns: best.rtt_ns.div_ceil(2),
         };
         self.clock = Some(clock);
         clock
     }
+}
+
+/// A half is never longer than the whole, whatever the client says of its clock.
+fn half(ns: i128, rtt_ns: u64) -> u64 {
+    ns.clamp(0, rtt_ns.into()) as u64
 }
 
 fn clamped(ns: i128) -> i64 {
@@ -137,6 +142,18 @@ mod tests {
             last = exchange(&mut offset, ping * 100 * MS, 0, [50 * MS, 2 * MS]);
         }
         assert_eq!((last.offset_ns, last.bound_ns), (24 * MS as i64, 26 * MS));
+    }
+
+    #[test]
+    fn a_clock_that_jumps_makes_no_half_longer_than_the_whole() {
+        let mut offset = Offset::default();
+        exchange(&mut offset, 100 * MS, 0, [MS, MS]);
+        for ahead_ns in [-3_600_000 * MS as i64, 3_600_000 * MS as i64] {
+            let sent_ns = 7_200_000 * MS;
+            let clock = exchange(&mut offset, sent_ns, ahead_ns, [20 * MS, 30 * MS]);
+            let expected = if ahead_ns < 0 { (0, 50 * MS) } else { (50 * MS, 0) };
+            assert_eq!((clock.out_ns, clock.in_ns), expected);
+        }
     }
 
     #[test]

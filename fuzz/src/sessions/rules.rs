@@ -7,24 +7,31 @@
 use std::collections::BTreeMap;
 
 use hapticd::control::{Report, Setpoint};
-use hapticd::environment::{Guide, Shape};
 use hapticd::proto::datagram::Body;
 use hapticd::proto::stream_message;
 use hapticd::proto::{EventKind, StreamMessage};
-use hapticd::session::{LeaseInfo, Output, Role, SessionConfig, SessionId, Switchboard};
+use hapticd::session::{
+    Output, Quality, Role, SessionConfig, SessionId, SessionInfo, Sessions, Switchboard, Transport,
+};
 use hapticd::wire::{MAX_FRAME_BYTES, decode, encode_frame, max_detailed_bytes};
 
 use super::Seen;
+use super::setpoints::Device;
 use super::world::{Client, MAX_SESSIONS};
+use crate::sealed::MAX_BODY_BYTES;
 use crate::states::is_finite;
-
-const MS: u64 = 1_000_000;
 
 /// What may wait to be taken out, and what must be said beside it.
 const MOST_OUTPUTS: usize = 1024 + 4 * MAX_SESSIONS;
 
 /// A Pong, the only answer that a datagram gets.
 const MOST_ANSWER_BYTES: usize = 64;
+
+/// A frame over sealed UDP has one packet, with its number in front.
+const MOST_SEALED_BYTES: usize = MAX_BODY_BYTES - 4;
+
+/// Time for the Hello.
+const HELLO_NS: u64 = 5_000_000_000;
 
 /// What was done to the server.
 #[derive(Clone, Copy, Debug)]
@@ -45,19 +52,8 @@ struct Known {
     device: usize,
     role: Role,
     waiting: bool,
-}
-
-/// What was seen of one device.
-#[derive(Debug)]
-struct Device {
-    actuators: usize,
-    max_ttl_ns: u64,
-    lease: LeaseInfo,
-    newest_epoch: u64,
-    setpoint: Setpoint,
-    newest_tick: u64,
-    /// The first tick that found the setpoint stale.
-    stale_ns: Option<u64>,
+    transport: Transport,
+    quality: Quality,
 }
 
 /// The rules, and what they have to remember.
@@ -71,16 +67,7 @@ pub struct Rules {
 
 impl Rules {
     pub fn new(configs: &[SessionConfig]) -> Self {
-        let device = |config: &SessionConfig| Device {
-            actuators: config.actuators as usize,
-            max_ttl_ns: u64::from(config.max_ttl_ms) * MS,
-            lease: LeaseInfo { holder: None, epoch: 0 },
-            newest_epoch: 0,
-            setpoint: Setpoint::NONE,
-            newest_tick: 0,
-            stale_ns: None,
-        };
-        let devices = configs.iter().map(device).collect();
+        let devices = configs.iter().map(Device::new).collect();
         Self { devices, known: BTreeMap::new(), closed: Vec::new(), seen: Seen::default() }
     }
 
@@ -94,21 +81,9 @@ impl Rules {
         std::mem::take(&mut self.closed)
     }
 
-    /// A command's force is gone a ramp after the first tick that found it stale: the scene is
-    /// empty, so nothing else asks.
+    /// A tick was done with this setpoint.
     pub fn check_force(&mut self, device: usize, report: &Report, setpoint: &Setpoint) {
-        let own = &mut self.devices[device];
-        own.newest_tick = report.tick;
-        if setpoint.is_fresh(report.time_ns) {
-            own.stale_ns = None;
-            return;
-        }
-        let since_ns = report.time_ns - *own.stale_ns.get_or_insert(report.time_ns);
-        let ramp_ns = 50 * MS;
-        if since_ns > ramp_ns + MS {
-            assert_eq!(report.requested.force_N.norm(), 0.0, "{since_ns} ns after its time");
-            assert_eq!(report.requested.moment_Nm.norm(), 0.0, "{since_ns} ns after its time");
-        }
+        self.devices[device].check_force(report, setpoint);
     }
 
     /// Takes everything out and looks at it, then at what is left.
@@ -136,17 +111,18 @@ impl Rules {
                     self.seen.welcomed += u64::from(welcome);
                 }
                 Output::Close { to, .. } => {
+                    self.check_patience(cause, clients, *to, now_ns);
                     assert!(!after.contains_key(to), "{to} was closed and is forgotten");
                     assert!(!rest.iter().any(|(_, o)| addressee(o) == Some(*to)), "its last word");
                     self.closed.push(*to);
                 }
                 Output::Setpoint(setpoint) => {
-                    self.check_setpoint(cause, *device, setpoint, now_ns);
+                    self.check_path(cause, setpoint, &after);
+                    let may = self.is_by(cause, *device, Role::Controller);
+                    let own = &mut self.devices[*device];
+                    own.check_setpoint(cause, may, setpoint, now_ns);
+                    own.take(setpoint);
                     self.seen.setpoints += 1;
-                    let in_force = &mut self.devices[*device].setpoint;
-                    let number = in_force.number + 1;
-                    *in_force = **setpoint;
-                    in_force.number = number;
                 }
                 Output::Rtt { rtt_ns, .. } => assert!(*rtt_ns <= now_ns),
                 Output::OneWay { delay_ns, bound_ns, .. } => {
@@ -160,7 +136,31 @@ impl Rules {
             }
         }
         self.check_list(switchboard, now_ns);
+        if matches!(cause, Cause::Timeout) {
+            let silent = |client: &&Client| {
+                !after.contains_key(&client.id) && !self.closed.contains(&client.id)
+            };
+            for client in clients.iter().filter(silent) {
+                assert!(now_ns - client.connected_ns < HELLO_NS, "{client:?} never says Hello");
+            }
+        }
         self.known = after;
+    }
+
+    /// Who says nothing but holds a connection has so long for its Hello, and not less.
+    fn check_patience(&self, cause: Cause, clients: &[Client], id: SessionId, now_ns: u64) {
+        let newcomer = clients.iter().find(|client| client.id == id);
+        let newcomer = newcomer.filter(|_| !self.known.contains_key(&id));
+        if let (Cause::Timeout, Some(client)) = (cause, newcomer) {
+            assert!(now_ns - client.connected_ns >= HELLO_NS, "{client:?} was not waited for");
+        }
+    }
+
+    /// A soft force needs a good path; contacts are taken over any.
+    fn check_path(&self, cause: Cause, setpoint: &Setpoint, after: &BTreeMap<SessionId, Known>) {
+        let Cause::Datagram { by, times: 1 } = cause else { return };
+        let good = after.get(&by).is_some_and(|known| known.quality >= Quality::Good);
+        assert!(good || setpoint.field().is_none(), "{setpoint:?} over a bad path");
     }
 
     fn is_by(&self, cause: Cause, device: usize, role: Role) -> bool {
@@ -233,8 +233,12 @@ impl Rules {
         rest: &[(usize, Output)],
         after: &BTreeMap<SessionId, Known>,
     ) {
-        assert!(encode_frame(message).len() < MAX_FRAME_BYTES / 16, "{message:?}");
+        let bytes = encode_frame(message).len();
+        assert!(bytes < MAX_FRAME_BYTES / 16, "{message:?}");
         let before = self.known.get(&to);
+        let transport = after.get(&to).or(before).map(|known| known.transport);
+        let sealed = transport == Some(Transport::SealedUdp);
+        assert!(!sealed || bytes <= MOST_SEALED_BYTES, "{bytes} bytes fit no packet: {message:?}");
         match &message.body {
             Some(stream_message::Body::Welcome(welcome)) => {
                 assert!(matches!(cause, Cause::Message { by } if by == to), "{cause:?}");
@@ -259,32 +263,6 @@ impl Rules {
             }
             _ => panic!("{message:?} is not for a client"),
         }
-    }
-
-    /// A setpoint comes of a command of the one that holds the lease, or lets the last one go.
-    fn check_setpoint(&self, cause: Cause, device: usize, setpoint: &Setpoint, now_ns: u64) {
-        let own = &self.devices[device];
-        let last = &own.setpoint;
-        let (number, named) = ((setpoint.epoch, setpoint.seq), (last.epoch, last.seq));
-        if setpoint.released {
-            let may = matches!(
-                cause,
-                Cause::Message { .. } | Cause::Timeout | Cause::Call | Cause::Shutdown
-            );
-            assert!(may, "{cause:?} lets nothing go");
-            assert_eq!(number, named, "only what is in force can be let go");
-            assert!(last.is_fresh(now_ns), "and only while it counts");
-            return;
-        }
-        assert!(self.is_by(cause, device, Role::Controller), "{cause:?} may not command");
-        let Cause::Datagram { by, .. } = cause else { unreachable!() };
-        assert_eq!(own.lease.holder, Some(by), "who commands holds the lease");
-        assert_eq!(setpoint.epoch, own.lease.epoch);
-        assert!(number > named, "{number:?} after {named:?}");
-        assert_eq!(setpoint.received_ns, now_ns);
-        assert!(setpoint.ttl_ns <= own.max_ttl_ns, "{} ns", setpoint.ttl_ns);
-        assert!(setpoint.state_tick <= own.newest_tick, "a State of the future");
-        check_numbers(setpoint);
     }
 
     /// At most one commands, under an epoch that only grows.
@@ -323,9 +301,10 @@ impl Rules {
 
 fn known(switchboard: &Switchboard, now_ns: u64) -> BTreeMap<SessionId, Known> {
     let of_device = |(device, sessions): (usize, &_)| {
-        let sessions: &hapticd::session::Sessions = sessions;
-        let known = |info: hapticd::session::SessionInfo<'_>| {
-            (info.id, Known { device, role: info.role, waiting: info.waiting })
+        let sessions: &Sessions = sessions;
+        let known = |info: SessionInfo<'_>| {
+            let SessionInfo { id, role, waiting, transport, quality, .. } = info;
+            (id, Known { device, role, waiting, transport, quality })
         };
         sessions.list(now_ns).map(known).collect::<Vec<_>>()
     };
@@ -351,50 +330,4 @@ fn note_ping(clients: &mut [Client], to: SessionId, bytes: &[u8]) {
         let client = clients.iter_mut().find(|client| client.id == to);
         client.into_iter().for_each(|client| client.pinged = Some(ping));
     }
-}
-
-/// Every number is one, and in the range that the contract gives it.
-fn check_numbers(setpoint: &Setpoint) {
-    for contact in setpoint.contacts() {
-        let material = &contact.surface.material;
-        assert!((0.0..=1e9).contains(&material.stiffness_N_per_m), "{material:?}");
-        assert!((0.0..=1e6).contains(&material.damping_Ns_per_m), "{material:?}");
-        assert!((0.0..=10.0).contains(&material.kinetic_friction), "{material:?}");
-        assert!((material.kinetic_friction..=10.0).contains(&material.static_friction));
-        assert!(material.surface_velocity_W_m_per_s.iter().all(|part| part.is_finite()));
-        assert!((0.0..=1.0).contains(&contact.surface.blend_s));
-        let numbers = numbers_of(&contact.surface.shape);
-        assert!(numbers.iter().all(|number| number.abs() <= 1e6), "{contact:?}");
-    }
-    if let Some(field) = setpoint.field() {
-        let forces = field.force_W_N.iter().chain(&field.moment_W_Nm);
-        assert!(forces.into_iter().all(|part| part.abs() <= 1e3), "{field:?}");
-        let matrices = field.stiffness_N_per_m.iter().chain(&field.damping_Ns_per_m);
-        assert!(matrices.into_iter().all(|part| part.is_finite()), "{field:?}");
-        assert!(field.origin_W_m.iter().all(|part| part.is_finite()), "{field:?}");
-        assert!(field.radius_m > 0.0, "{field:?}");
-    }
-}
-
-fn numbers_of(shape: &Shape) -> Vec<f64> {
-    let vectors = match shape {
-        Shape::HalfSpace { point_W_m, normal_W } => vec![*point_W_m, *normal_W],
-        Shape::Sphere { centre_W_m, .. } => vec![*centre_W_m],
-        Shape::Box { centre_W_m, half_extents_m, .. } => vec![*centre_W_m, *half_extents_m],
-        Shape::Capsule { ends_W_m, .. } => ends_W_m.to_vec(),
-        Shape::Guide { path, .. } => match path {
-            Guide::Point { point_W_m } => vec![*point_W_m],
-            Guide::Line { point_W_m, direction_W } => vec![*point_W_m, *direction_W],
-            Guide::Plane { point_W_m, normal_W } => vec![*point_W_m, *normal_W],
-            Guide::Segment { ends_W_m } => ends_W_m.to_vec(),
-        },
-    };
-    let own = match shape {
-        Shape::Sphere { radius_m, .. }
-        | Shape::Capsule { radius_m, .. }
-        | Shape::Guide { radius_m, .. } => vec![*radius_m],
-        Shape::Box { q_WS, .. } => q_WS.coords.iter().copied().collect(),
-        Shape::HalfSpace { .. } => Vec::new(),
-    };
-    vectors.iter().flatten().copied().chain(own).collect()
 }

@@ -28,6 +28,7 @@ const KEPT: usize = 8;
 #[derive(Debug)]
 pub struct Client {
     pub id: SessionId,
+    pub connected_ns: u64,
     /// Of its commands and targets.
     seq: u64,
     sent: Vec<Vec<u8>>,
@@ -77,7 +78,7 @@ impl World {
 
     pub fn step(&mut self, script: &mut Script<'_>) {
         match script.below(20) {
-            0 => self.connect(),
+            0 => self.connect(script),
             1 | 2 => self.hello(script),
             3..=6 => self.command(script),
             7 => self.hand_target(script),
@@ -88,6 +89,7 @@ impl World {
             12..=14 => self.ticks(script),
             15 | 16 => self.time_passes(script),
             17 => self.operator(script),
+            18 if script.rarely(3) => self.come_sealed(),
             18 => self.leave(script),
             _ => self.device(script),
         }
@@ -109,16 +111,30 @@ impl World {
         self.clients.retain(|client| !closed.contains(&client.id));
     }
 
-    fn connect(&mut self) {
-        match self.switchboard.connect(Transport::Quic, self.now_ns) {
-            Ok(id) => {
-                let client = Client { id, seq: 0, sent: Vec::new(), pinged: None };
-                assert!(self.clients.iter().all(|other| other.id != id), "an id is used once");
-                self.clients.push(client);
-            }
+    fn connect(&mut self, script: &mut Script<'_>) {
+        let transport = script.one_of(&[Transport::Quic, Transport::WebTransport]);
+        match self.switchboard.connect(transport, self.now_ns) {
+            Ok(id) => self.welcome(id),
             Err(full) => assert_eq!(full.most, MAX_SESSIONS),
         }
         self.settle(Cause::Connect);
+    }
+
+    fn welcome(&mut self, id: SessionId) {
+        assert!(self.clients.iter().all(|other| other.id != id), "an id is used once");
+        let connected_ns = self.now_ns;
+        self.clients.push(Client { id, connected_ns, seq: 0, sent: Vec::new(), pinged: None });
+    }
+
+    /// A client of sealed UDP comes for the session that a call has opened for it.
+    fn come_sealed(&mut self) {
+        let ticket = self.tickets.pop().unwrap_or_default();
+        let sealed = Transport::SealedUdp;
+        let Some(by) = self.switchboard.join_by_ticket(&ticket, sealed, self.now_ns) else {
+            return;
+        };
+        self.welcome(by);
+        self.settle(Cause::Message { by });
     }
 
     fn client(&mut self, script: &mut Script<'_>) -> Option<usize> {
@@ -126,7 +142,7 @@ impl World {
     }
 
     fn hello(&mut self, script: &mut Script<'_>) {
-        let Some(index) = self.client(script) else { return self.connect() };
+        let Some(index) = self.client(script) else { return self.connect(script) };
         let mut hello = messages::hello(script, &NAMES);
         if script.rarely(10) {
             hello.ticket = match script.below(2) {
@@ -148,7 +164,7 @@ impl World {
     }
 
     fn command(&mut self, script: &mut Script<'_>) {
-        let Some(index) = self.client(script) else { return self.connect() };
+        let Some(index) = self.client(script) else { return self.connect(script) };
         let newest = self.loops[script.below(2)].newest_tick;
         let client = &mut self.clients[index];
         let seq = match script.u8() {
@@ -177,7 +193,7 @@ impl World {
     }
 
     fn hand_target(&mut self, script: &mut Script<'_>) {
-        let Some(index) = self.client(script) else { return self.connect() };
+        let Some(index) = self.client(script) else { return self.connect(script) };
         let client = &mut self.clients[index];
         client.seq += 1;
         let target = HandTarget {
@@ -212,7 +228,7 @@ impl World {
     }
 
     fn small_talk(&mut self, script: &mut Script<'_>) {
-        let Some(index) = self.client(script) else { return self.connect() };
+        let Some(index) = self.client(script) else { return self.connect(script) };
         let ping = Ping { seq: script.u8().into(), sent_ns: self.now_ns };
         let body = match (script.below(4), self.clients[index].pinged) {
             (0, _) => Body::Ping(ping),
@@ -232,7 +248,7 @@ impl World {
     }
 
     fn rubbish(&mut self, script: &mut Script<'_>) {
-        let Some(index) = self.client(script) else { return self.connect() };
+        let Some(index) = self.client(script) else { return self.connect(script) };
         let count = if script.rarely(16) { 1_200 } else { script.below(80) };
         let mut bytes = script.bytes(count).to_vec();
         if script.rarely(2) && !bytes.is_empty() && bytes.len() < 128 {
@@ -261,7 +277,7 @@ impl World {
 
     /// Whatever else can come on the reliable stream.
     fn message(&mut self, script: &mut Script<'_>) {
-        let Some(index) = self.client(script) else { return self.connect() };
+        let Some(index) = self.client(script) else { return self.connect(script) };
         let body = match script.below(6) {
             0 => Some(stream_message::Body::Bye(Bye { reason: 1, detail: script.text() })),
             1 => Some(stream_message::Body::Hello(Hello::default())),
