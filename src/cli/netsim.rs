@@ -17,7 +17,8 @@ use crate::impairment::{Carried, Impairment};
 /// is printed reaches the server's stream through it, whatever the transport
 ///
 /// Each direction is as bad as is said: the round trip has twice the delay. The services
-/// (gRPC) are not behind it: the printed line names the server's own port.
+/// (gRPC) are not behind it: the printed line names the server's own port, so that a client over
+/// sealed UDP, which begins with a call, has to run on the server's machine.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   hapticd netsim --delay-ms 30 --loss-percent 3

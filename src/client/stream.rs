@@ -18,6 +18,9 @@ use crate::wire::{self, PROTOCOL};
 /// Pings of a client: often enough for a fresh figure, too few to matter.
 const PING_INTERVAL: Duration = Duration::from_millis(100);
 
+/// Until the server has answered, something is sent so often.
+const STIR: Duration = Duration::from_millis(20);
+
 /// How often a connection is tried that is lost before the server's answer.
 const ATTEMPTS: u32 = 4;
 
@@ -141,7 +144,9 @@ impl Client {
         let mut client = Self {
             carrier: Carrier::open(target, options.transport, hello).await?,
             welcome: Welcome::default(),
-            ping: None,
+            // Whoever acknowledges these acknowledges what came before them, too, or lacks it: on
+            // a path that loses much a Hello is repeated sooner.
+            ping: Some(every(STIR)),
             started: Instant::now(),
             command_seq: 0,
             states_received: 0,
@@ -150,7 +155,14 @@ impl Client {
             event_id: 0,
         };
         client.welcome = loop {
-            match client.carrier.hear().await? {
+            let heard = tokio::select! {
+                heard = client.carrier.hear() => heard?,
+                () = due(&mut client.ping) => {
+                    unless_lost(client.send_ping())?;
+                    continue;
+                }
+            };
+            match heard {
                 Heard::Message(Message::Welcome(welcome)) => break welcome,
                 Heard::Message(Message::Bye(bye)) => return Err(said(&bye)),
                 Heard::Message(Message::Hello(_) | Message::Event(_)) => {
@@ -162,11 +174,8 @@ impl Client {
                 }
             }
         };
-        client.ping = options.pings.then(|| {
-            let mut ping = tokio::time::interval(PING_INTERVAL);
-            ping.set_missed_tick_behavior(MissedTickBehavior::Delay);
-            ping
-        });
+        client.ping = options.pings.then(|| every(PING_INTERVAL));
+        client.unanswered.clear();
         Ok(client)
     }
 
@@ -354,6 +363,13 @@ fn unless_lost(sent: Result<(), ClientError>) -> Result<(), ClientError> {
         Err(ClientError::Lost(_)) => Ok(()),
         sent => sent,
     }
+}
+
+/// The first time after a period.
+fn every(period: Duration) -> Interval {
+    let mut interval = tokio::time::interval_at(tokio::time::Instant::now() + period, period);
+    interval.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    interval
 }
 
 /// Done when a ping is due.

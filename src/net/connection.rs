@@ -26,7 +26,7 @@ const WAITING_MESSAGES: usize = 256;
 const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Time for the request that makes a WebTransport session.
-const REQUEST: Duration = Duration::from_secs(5);
+const REQUEST: Duration = Duration::from_secs(10);
 
 /// Time for a Bye to reach its client before the connection is closed.
 pub(super) const FAREWELL: Duration = Duration::from_millis(250);
@@ -34,7 +34,13 @@ pub(super) const FAREWELL: Duration = Duration::from_millis(250);
 /// One client from the end of its handshake to farewell.
 pub(super) async fn attend(hub: Shared, connection: Connection, access: Rc<Access>) {
     let Some((session, transport)) = begin(connection, &access).await else { return };
-    let connected = hub.borrow_mut().sessions.connect(transport, now_ns());
+    let connected = {
+        let mut hub = hub.borrow_mut();
+        let connected = hub.sessions.connect(transport, now_ns());
+        // Somebody else may have to go.
+        hub.act();
+        connected
+    };
     let id = match connected {
         Ok(id) => id,
         Err(full) => return refuse(&session, &full.bye()).await,

@@ -226,9 +226,15 @@ impl Sessions {
         }
     }
 
-    /// Sends a session away, or a connection that is none yet, for want of a credential.
-    pub fn deny(&mut self, id: SessionId, detail: &str, now_ns: u64) {
-        self.close(id, ByeReason::Denied, detail, StaleReason::Released, now_ns);
+    /// Sends a session away, or a connection that is none yet.
+    pub(super) fn send_away(
+        &mut self,
+        id: SessionId,
+        reason: ByeReason,
+        detail: &str,
+        now_ns: u64,
+    ) {
+        self.close(id, reason, detail, StaleReason::Released, now_ns);
     }
 
     pub(super) fn say_bye(&mut self, to: SessionId, reason: ByeReason, detail: &str) {

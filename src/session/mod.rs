@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!  connect ─▶ awaiting Hello ──good Hello──▶ welcomed ──▶ closed
-//!                  │ bad or none in 5 s                     ▲ disconnect, Bye, 2 s of
+//!                  │ bad or none in 10 s                    ▲ disconnect, Bye, 2 s of
 //!                  └────────── Bye ─────────────────────────┘ silence, broken protocol
 //! ```
 //!
@@ -148,7 +148,7 @@ impl Sessions {
         }
     }
 
-    /// A client connected; it has 5 s for its Hello.
+    /// A client connected; it has 10 s for its Hello.
     pub fn connect(
         &mut self,
         transport: Transport,
@@ -176,6 +176,12 @@ impl Sessions {
     /// Connections, welcomed or not yet.
     fn connections(&self) -> usize {
         self.peers.len()
+    }
+
+    /// Since when somebody has been connected without a Hello, and who; the one who came first.
+    fn oldest_newcomer(&self) -> Option<(u64, SessionId)> {
+        let newcomers = self.peers.iter().filter(|(_, peer)| peer.open.is_none());
+        newcomers.map(|(id, peer)| (peer.connected_ns(), *id)).min()
     }
 
     /// Whether this is the resource name of the device.

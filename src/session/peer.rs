@@ -15,8 +15,9 @@ use super::state::Echo;
 use super::workspace::Workspace;
 use super::{Quality, Role, SessionId, Ticket, Transport};
 
-/// Time for the Hello: over a path that loses half of all datagrams a handshake takes seconds.
-const HELLO_NS: u64 = 5_000_000_000;
+/// Time for the Hello: over a path that loses half of all datagrams it takes seconds. Where there is
+/// no room for a newcomer, who has not said it yet makes some.
+const HELLO_NS: u64 = 10_000_000_000;
 
 /// A session that was opened by a call is forgotten when no stream joins it in this time.
 const WAITING_NS: u64 = 10_000_000_000;
@@ -115,6 +116,11 @@ impl Peer {
         Self { transport, connected_ns: now_ns, heard_ns: now_ns, open: None, waiting: None }
     }
 
+    /// When it came.
+    pub fn connected_ns(&self) -> u64 {
+        self.connected_ns
+    }
+
     /// A session that is opened by a call.
     pub fn waiting(ticket: Ticket, now_ns: u64) -> Self {
         let heard_ns = now_ns + (WAITING_NS - SILENCE_NS);
@@ -152,7 +158,7 @@ impl Peer {
                 (ByeReason::Silent, "no stream joined within 10 s")
             }
             Some(_) => (ByeReason::Silent, "nothing was heard for 2 s"),
-            None => (ByeReason::Silent, "no Hello came within 5 s"),
+            None => (ByeReason::Silent, "no Hello came within 10 s"),
         })
     }
 

@@ -8,7 +8,7 @@
 use std::collections::HashMap;
 
 use crate::proto::stream_message::Body;
-use crate::proto::{Hello, StreamMessage, Welcome};
+use crate::proto::{ByeReason, Hello, StreamMessage, Welcome};
 use crate::wire::FrameError;
 
 use super::{
@@ -54,16 +54,28 @@ impl Switchboard {
         self.devices.iter()
     }
 
-    /// A client connected; it has 5 s for its Hello.
+    /// A client connected; it has 10 s for its Hello.
     pub fn connect(
         &mut self,
         transport: Transport,
         now_ns: u64,
     ) -> Result<SessionId, TooManySessions> {
+        if self.check_room().is_err() {
+            self.make_room(now_ns);
+        }
         self.check_room()?;
         let id = self.devices[0].connect(transport, now_ns)?;
         self.places.insert(id, 0);
         Ok(id)
+    }
+
+    /// Strangers who say nothing keep nobody out: the one who has been silent longest goes.
+    fn make_room(&mut self, now_ns: u64) {
+        let newcomers = self.devices.iter().filter_map(Sessions::oldest_newcomer);
+        if let Some((_, id)) = newcomers.min() {
+            let said = "another client came before you said Hello, and there was no other place";
+            self.send_away(id, ByeReason::TooManySessions, said, now_ns);
+        }
     }
 
     fn check_room(&self) -> Result<(), TooManySessions> {
@@ -157,8 +169,12 @@ impl Switchboard {
 
     /// Sends a session away, or a connection that is none yet, for want of a credential.
     pub fn deny(&mut self, id: SessionId, detail: &str, now_ns: u64) {
+        self.send_away(id, ByeReason::Denied, detail, now_ns);
+    }
+
+    fn send_away(&mut self, id: SessionId, reason: ByeReason, detail: &str, now_ns: u64) {
         if let Some(device) = self.device_of(id) {
-            device.deny(id, detail, now_ns);
+            device.send_away(id, reason, detail, now_ns);
         }
     }
 

@@ -105,3 +105,21 @@ fn silence_and_the_end_of_the_server_reach_every_device() {
     assert_eq!(bye(&outputs[0], left).map(|(reason, _)| reason), Some(ByeReason::Shutdown));
     assert_eq!(bye(&outputs[1], right).map(|(reason, _)| reason), Some(ByeReason::Shutdown));
 }
+
+#[test]
+fn who_says_nothing_makes_room_for_a_newcomer_and_who_was_welcomed_does_not() {
+    let mut board = board();
+    let silent: Vec<_> = (0..3).map(|i| board.connect(Transport::Quic, i).unwrap()).collect();
+    let newcomer = board.connect(Transport::Quic, 3).unwrap();
+    let outputs = drain(&mut board).concat();
+    let (reason, detail) = bye(&outputs, silent[0]).expect("the first");
+    assert_eq!(reason, ByeReason::TooManySessions);
+    assert!(detail.contains("before you said Hello"), "{detail}");
+    assert!(bye(&outputs, silent[1]).is_none() && bye(&outputs, newcomer).is_none());
+    for id in [silent[1], silent[2], newcomer] {
+        let hello = Hello { device: "devices/left".into(), ..hello("client", Role::Observer) };
+        board.on_message(id, say(Body::Hello(hello)), 4);
+    }
+    assert_eq!(board.connect(Transport::Quic, 5), Err(TooManySessions { most: 3 }));
+    assert_eq!(board.list(5).count(), 3);
+}

@@ -116,7 +116,7 @@ fn without_a_hello_a_connection_lasts_five_seconds_whatever_else_it_sends() {
     }
     let (closed_ns, outputs) = until_closed(&mut sessions);
     assert_eq!(closed_ns, 5 * S);
-    assert_eq!(bye(&outputs, id).unwrap().1, "no Hello came within 5 s");
+    assert_eq!(bye(&outputs, id).unwrap().1, "no Hello came within 10 s");
 }
 
 /// What a controller that announced `interval_us` is called just before each of its frames,
