@@ -47,7 +47,7 @@ fn main() -> anyhow::Result<()> {
         return server::serve(&config);
     }
     let count = if quick() { DATAGRAMS / 50 } else { DATAGRAMS };
-    let mut server = Server::start("hand = \"press-and-slide\"")?;
+    let mut server = Server::start("hand = \"press-and-slide\"\nblack_box_s = 0.0")?;
     let target = server.target().clone();
     let mut controller = Crowd::new(&target);
     let wall = Session { role: Role::Controller, state_interval: Duration::ZERO, answers: true };
@@ -305,7 +305,10 @@ async fn first_packets(target: &ConnectString) -> anyhow::Result<Vec<Vec<u8>>> {
         let mut buffer = [0; 2048];
         let length = trap.recv(&mut buffer).await?;
         client.abort();
-        packets.push(buffer[..length].to_vec());
+        // Beside it comes a single byte, which asks whether anybody listens.
+        if length > 1 {
+            packets.push(buffer[..length].to_vec());
+        }
     }
     Ok(packets)
 }

@@ -12,7 +12,7 @@ use super::reachable;
 use super::services::{Listeners, Services};
 use super::sockets::Sockets;
 use crate::archive::Archive;
-use crate::audit::AuditLog;
+use crate::audit::{AuditLog, What};
 use crate::client::{ConnectString, DEFAULT_UDP_PORT};
 use crate::clock::now_ns;
 use crate::config::{
@@ -22,7 +22,7 @@ use crate::config::{
 use crate::credentials::Keyring;
 use crate::host::Hosts;
 use crate::net::{
-    self, Access, BrowserIdentity, Gate, GrpcParts, HttpParts, Identity, Reach, Security,
+    self, Access, BrowserIdentity, Caller, Gate, GrpcParts, HttpParts, Identity, Reach, Security,
     StreamHandle, StreamParts,
 };
 use crate::rt::{self, Processor, Realtime, RtConfig};
@@ -45,6 +45,8 @@ pub struct Start {
 pub struct Daemon {
     stream: StreamHandle,
     services: Services,
+    gate: Arc<Gate>,
+    ended: bool,
     devices: Vec<RunningDevice>,
     connect: ConnectString,
     /// Where `/metrics` is.
@@ -124,12 +126,19 @@ impl Daemon {
             stream_port,
             access,
         };
-        let parts = GrpcParts { hosts, sessions, archive: Arc::clone(&archive), gate, http_port };
+        let how = if gate.is_guarded() { "credentials are needed" } else { "nobody is asked" };
+        gate.record(What::Started, &Caller::local(), "", "", how);
+        let own_gate = Arc::clone(&gate);
+        let access = http.access.clone();
+        let archived = Arc::clone(&archive);
+        let parts = GrpcParts { hosts, sessions, archive: archived, gate, access, http_port };
         services.serve(&http, parts)?;
         let (_archive, _state_dir) = (archive, state_dir);
         Ok(Self {
             stream,
             services,
+            gate: own_gate,
+            ended: false,
             devices,
             connect,
             http_address,
@@ -165,6 +174,9 @@ impl Daemon {
         // All of them let go before anything that takes its time.
         self.devices.iter_mut().for_each(RunningDevice::let_go);
         self.devices.iter_mut().for_each(RunningDevice::stop);
+        if !std::mem::replace(&mut self.ended, true) {
+            self.gate.record(What::Ended, &Caller::local(), "", "", "");
+        }
     }
 }
 
@@ -219,7 +231,7 @@ fn gate(config: &ServerConfig, state_dir: &Path, telemetry: &Telemetry) -> anyho
 
 /// Who hears what is said on plain HTTP.
 fn reach(config: &ServerConfig) -> Reach {
-    let here = config.http_address().is_loopback() || !config.is_guarded();
+    let here = config.http_address().is_loopback() || config.insecure;
     if here { Reach::Here } else { Reach::Watchers }
 }
 
@@ -287,5 +299,23 @@ fn session_config(config: &ServerConfig, device: &ReadyDevice, grpc_port: u16) -
             mechanism.freedoms() as u32,
             mechanism.actuators() as u32,
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whoever may hear plain HTTP beyond this machine gets no token and calls nothing.
+    #[test]
+    fn plain_http_beyond_this_machine_is_for_those_who_watch() {
+        let of = |lines: &str| {
+            reach(&ServerConfig::from_toml(&format!("[server]\n{lines}"), "f").unwrap())
+        };
+        assert_eq!(of(""), Reach::Here);
+        assert_eq!(of("listen = \"0.0.0.0\""), Reach::Here);
+        assert_eq!(of("listen = \"0.0.0.0\"\ninsecure = true"), Reach::Here);
+        assert_eq!(of("http_listen = \"0.0.0.0\""), Reach::Watchers);
+        assert_eq!(of("http_listen = \"0.0.0.0\"\nlisten = \"0.0.0.0\""), Reach::Watchers);
     }
 }

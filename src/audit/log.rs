@@ -23,6 +23,9 @@ use crate::utc::Utc;
 /// Lines that may wait for the disk.
 const WAITING: usize = 1024;
 
+/// Refusals among them.
+const MOST_REFUSALS: u64 = WAITING as u64 / 2;
+
 /// A file that would grow beyond this is put aside.
 const LARGEST_BYTES: u64 = 10_000_000;
 
@@ -48,9 +51,17 @@ pub struct AuditLog {
 struct Lost {
     untold: AtomicU64,
     total: AtomicU64,
+    /// Not lost: refusals on their way to the writer.
+    refusals_waiting: AtomicU64,
 }
 
 impl Lost {
+    fn refusal_taken(&self) {
+        let one_less = |waiting: u64| waiting.checked_sub(1);
+        // There is none of a line that came without a queue.
+        let _ = self.refusals_waiting.fetch_update(Ordering::Relaxed, Ordering::Relaxed, one_less);
+    }
+
     fn add(&self, count: u64) {
         self.untold.fetch_add(count, Ordering::Relaxed);
         self.total.fetch_add(count, Ordering::Relaxed);
@@ -78,8 +89,17 @@ impl AuditLog {
     pub fn record(&self, event: &Event<'_>) {
         let now = Utc::now();
         let line = (Line::new(event, now), now);
+        // Strangers fill half of the queue at most, also while the disk takes its time.
+        let refused = event.what == What::Refused;
+        if refused && self.lost.refusals_waiting.fetch_add(1, Ordering::Relaxed) >= MOST_REFUSALS {
+            self.lost.refusal_taken();
+            return self.lost.add(1);
+        }
         if self.to_writer.as_ref().is_none_or(|to_writer| to_writer.try_send(line).is_err()) {
             self.lost.add(1);
+            if refused {
+                self.lost.refusal_taken();
+            }
         }
     }
 
@@ -160,6 +180,8 @@ impl Writer {
 
     fn take(&mut self, (line, now): (Line, Utc)) {
         if line.what == Some(What::Refused) {
+            // Of a log that is open; a command has no queue.
+            self.lost.refusal_taken();
             let (written, more) = self.refusals.count(now);
             if let Some(more) = more {
                 self.put(&Line::lost(more, Some(What::Refused), now));

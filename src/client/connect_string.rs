@@ -94,7 +94,7 @@ impl FromStr for ConnectString {
     type Err = ConnectStringError;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let fail = |what: String| ConnectStringError { text: text.to_owned(), what };
+        let fail = |what: String| ConnectStringError { text: without_token(text), what };
         let whole =
             if text.contains("://") { text.to_owned() } else { format!("{SCHEME}://{text}/") };
         let uri: http::Uri = whole.parse().map_err(|error| fail(format!("{error}")))?;
@@ -152,6 +152,13 @@ fn host_of(written: &str) -> Result<String, String> {
         return Ok(in_brackets.unwrap_or(written).to_owned());
     }
     Err(format!("host = {written}: must be a name, an address, or one of IPv6 in brackets"))
+}
+
+/// A token that was mistyped into a log is a token in a log.
+fn without_token(text: &str) -> String {
+    let Some((head, rest)) = text.split_once("token=") else { return text.to_owned() };
+    let tail = rest.find('&').map_or("", |end| &rest[end..]);
+    format!("{head}token=...{tail}")
 }
 
 fn port_of(what: &str, text: &str) -> Result<u16, String> {
@@ -215,6 +222,14 @@ mod tests {
         ] {
             let error = text.parse::<ConnectString>().unwrap_err().to_string();
             assert!(error.contains(what), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_refusal_does_not_tell_the_token() {
+        for text in ["hapticd://h/?token=SECRET&grpc=0", "hapticd://h:x/?grpc=1&token=SECRET"] {
+            let said = text.parse::<ConnectString>().unwrap_err().to_string();
+            assert!(!said.contains("SECRET") && said.contains("token=..."), "{said}");
         }
     }
 }

@@ -78,38 +78,44 @@ impl SessionDesk {
     }
 
     /// Sends a session away.
-    pub async fn close(&self, caller: Caller, id: SessionId) -> Result<(), DeskRefusal> {
-        self.decide(caller, id, move |hub, _, now_ns| Ok(hub.sessions.close(id, now_ns)?)).await
+    pub async fn close(&self, who: (Caller, String), id: SessionId) -> Result<(), DeskRefusal> {
+        let close = move |hub: &mut Hub, who: &(Caller, String), now_ns| {
+            hub.sessions.close(id, now_ns)?;
+            hub.guests.closed_by(id, who.0.name());
+            hub.lease_changed(who);
+            Ok(())
+        };
+        self.decide(who, id, close).await
     }
 
     /// Makes a session the controller of its device.
     pub async fn acquire_lease(
         &self,
-        caller: Caller,
+        who: (Caller, String),
         id: SessionId,
         takeover: bool,
     ) -> Result<LeaseInfo, DeskRefusal> {
-        let acquire = move |hub: &mut Hub, caller: &Caller, now_ns| {
+        let acquire = move |hub: &mut Hub, who: &(Caller, String), now_ns| {
             hub.guests.may_command(id)?;
             let lease = hub.sessions.acquire_lease(id, takeover, now_ns)?;
-            hub.lease_changed(caller);
+            hub.lease_changed(who);
             Ok(lease)
         };
-        self.decide(caller, id, acquire).await
+        self.decide(who, id, acquire).await
     }
 
     /// Makes the controller an observer.
     pub async fn release_lease(
         &self,
-        caller: Caller,
+        who: (Caller, String),
         id: SessionId,
     ) -> Result<LeaseInfo, DeskRefusal> {
-        let release = move |hub: &mut Hub, caller: &Caller, now_ns| {
+        let release = move |hub: &mut Hub, who: &(Caller, String), now_ns| {
             let lease = hub.sessions.release_lease(id, now_ns)?;
-            hub.lease_changed(caller);
+            hub.lease_changed(who);
             Ok(lease)
         };
-        self.decide(caller, id, release).await
+        self.decide(who, id, release).await
     }
 
     /// Where sealed UDP is heard.
@@ -120,13 +126,13 @@ impl SessionDesk {
     /// About one's own session, or as an operator about that of another.
     async fn decide<T: Send + 'static>(
         &self,
-        caller: Caller,
+        who: (Caller, String),
         id: SessionId,
-        what: impl FnOnce(&mut Hub, &Caller, u64) -> Result<T, DeskRefusal> + Send + 'static,
+        what: impl FnOnce(&mut Hub, &(Caller, String), u64) -> Result<T, DeskRefusal> + Send + 'static,
     ) -> Result<T, DeskRefusal> {
         let decided = move |hub: &mut Hub, now_ns| {
-            hub.guests.may_decide(id, &caller)?;
-            what(hub, &caller, now_ns)
+            hub.guests.may_decide(id, &who.0)?;
+            what(hub, &who, now_ns)
         };
         self.ask_hub(decided).await.unwrap_or(Err(DeskRefusal::Ended))
     }
@@ -153,7 +159,12 @@ fn open(
     offer: Option<SealedUdpOffer>,
     now_ns: u64,
 ) -> Result<Welcome, DeskRefusal> {
-    let guest = hub.sessions.device_meant(hello).map(|device| Guest { caller, from, device });
+    let guest = hub.sessions.device_meant(hello).map(|device| Guest {
+        caller,
+        from,
+        device,
+        closed_by: None,
+    });
     if let Some(guest) = &guest {
         hub.guests.check_role(guest, hello)?;
     }

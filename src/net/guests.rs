@@ -24,6 +24,8 @@ pub(super) struct Guest {
     pub caller: Caller,
     pub from: String,
     pub device: String,
+    /// Whose call has sent it away.
+    pub closed_by: Option<String>,
 }
 
 impl Guests {
@@ -39,14 +41,14 @@ impl Guests {
             let refused = Refused::from(denied.clone());
             self.gate.record_refused(refused.who(), &from, &device, &refused.to_string());
         })?;
-        let guest = Guest { caller, from, device };
+        let guest = Guest { caller, from, device, closed_by: None };
         self.check_role(&guest, hello)?;
         Ok(guest)
     }
 
     /// Judges the role that a Hello asks for.
     pub fn check_role(&self, guest: &Guest, hello: &Hello) -> Result<(), Refused> {
-        let Guest { caller, from, device } = guest;
+        let Guest { caller, from, device, .. } = guest;
         let allowed = caller.holder().check(needed_for(hello.role), device);
         allowed.map_err(Refused::from).inspect_err(|refused| {
             self.gate.record_refused(caller.name(), from, device, &refused.to_string());
@@ -67,16 +69,24 @@ impl Guests {
         }
     }
 
+    /// Somebody has sent it away; that it is over is told by [`Guests::left`].
+    pub fn closed_by(&mut self, session: SessionId, by: &str) {
+        if let Some(guest) = self.known.get_mut(&session) {
+            guest.closed_by = Some(by.to_owned());
+        }
+    }
+
     /// The session is over.
     pub fn left(&mut self, session: SessionId, why: &str) {
         if let Some(guest) = self.known.remove(&session) {
-            self.tell(What::SessionClosed, &guest, &format!("{session}: {why}"));
+            let by = guest.closed_by.as_ref().map(|by| format!(" of {by}")).unwrap_or_default();
+            self.tell(What::SessionClosed, &guest, &format!("{session}: {why}{by}"));
         }
     }
 
     /// Tells which leases are others than when it was last told; by the caller of the call that
     /// was just carried out, else by those whose leases they are.
-    pub fn watch_leases(&mut self, sessions: &Switchboard, by: Option<&Caller>) {
+    pub fn watch_leases(&mut self, sessions: &Switchboard, by: Option<&(Caller, String)>) {
         for (place, device) in sessions.devices().enumerate() {
             let now = device.lease();
             if self.leases.len() <= place {
@@ -94,7 +104,7 @@ impl Guests {
         device: &str,
         before: Option<SessionId>,
         now: LeaseInfo,
-        by: Option<&Caller>,
+        by: Option<&(Caller, String)>,
     ) {
         let owner = |session: SessionId| {
             self.known.get(&session).map_or("?", |guest| guest.caller.name()).to_owned()
@@ -112,10 +122,9 @@ impl Guests {
             (loser, None) => (What::LeaseReleased, loser, loser.map(named).unwrap_or_default()),
         };
         let guest = holder.and_then(|session| self.known.get(&session));
-        let from = guest.map_or("", |guest| guest.from.as_str());
-        let local = Caller::local();
-        let who = by.or(guest.map(|guest| &guest.caller)).unwrap_or(&local);
-        self.gate.record(what, who, from, device, &detail);
+        let guest = guest.map(|guest| (guest.caller.clone(), guest.from.clone()));
+        let (who, from) = by.cloned().or(guest).unwrap_or((Caller::local(), String::new()));
+        self.gate.record(what, &who, &from, device, &detail);
     }
 
     /// Whether this caller may decide about a session: its own, or as an operator of its device.

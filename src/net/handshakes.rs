@@ -4,8 +4,8 @@
 //! A newcomer has to show first that it hears what is sent to its address (Retry, RFC 9000 section
 //! 8.1.2): that takes no handshake, and is less than what came. Whoever writes somebody else's
 //! address on its packets goes no further, and gets nothing amplified there (a handshake would
-//! answer with three times what came). Those who do hear are let in at a bounded rate, each address
-//! with a share of its own; the rest is dropped without a word, and comes again if it is a client.
+//! answer with three times what came). Those who do hear are let in at a bounded rate, and of those
+//! under way each address has a share; the rest is dropped without a word, and comes again if it is a client.
 
 use std::collections::HashMap;
 use std::net::IpAddr;

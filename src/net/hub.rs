@@ -133,6 +133,7 @@ impl Hub {
         let known_as = self.sessions.on_message(id, message, now_ns());
         if let (Some(guest), Some(info)) = (guest, self.sessions.info(known_as, now_ns())) {
             self.guests.arrived(known_as, guest, &info);
+            self.guests.watch_leases(&self.sessions, None);
         }
         if known_as != id
             && let Some(peer) = self.peers.remove(&id)
@@ -145,8 +146,9 @@ impl Hub {
 
     /// Who says this Hello; `None` where that is known, or where it is refused anyway.
     fn judge(&self, id: SessionId, hello: &Hello) -> Option<Result<Guest, Refused>> {
-        let known = !hello.ticket.is_empty() || self.sessions.info(id, now_ns()).is_some();
-        if known || choose(&hello.versions).is_none() {
+        // Who was sent away, or welcomed, is judged no more.
+        let judged = !hello.ticket.is_empty() || !self.sessions.is_newcomer(id);
+        if judged || choose(&hello.versions).is_none() {
             return None;
         }
         let device = self.sessions.device_meant(hello);
@@ -174,7 +176,7 @@ impl Hub {
     }
 
     /// A call has changed who commands.
-    pub fn lease_changed(&mut self, by: &Caller) {
+    pub fn lease_changed(&mut self, by: &(Caller, String)) {
         self.guests.watch_leases(&self.sessions, Some(by));
     }
 

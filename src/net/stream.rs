@@ -38,6 +38,9 @@ use crate::telemetry::TurnedAway;
 /// whether its credential still counts.
 const LOOKS: Duration = Duration::from_secs(1);
 
+/// Time for a handshake, on a path that loses half of everything too.
+const HANDSHAKE: Duration = Duration::from_secs(10);
+
 /// The timer's pace: pings are due every 100 ms, silence is judged in seconds.
 const TIMER: Duration = Duration::from_millis(10);
 
@@ -178,9 +181,9 @@ async fn accept(endpoint: &Endpoint, hub: &Shared, access: Access, gate: &Gate) 
                 let (hub, access) = (Rc::clone(hub), Rc::clone(&access));
                 let handshakes = Rc::clone(&handshakes);
                 tokio::task::spawn_local(async move {
-                    let connected = incoming.await;
+                    let connected = tokio::time::timeout(HANDSHAKE, incoming).await;
                     handshakes.borrow_mut().ended(ip);
-                    if let Ok(connection) = connected {
+                    if let Ok(Ok(connection)) = connected {
                         attend(hub, connection, access).await;
                     }
                 });

@@ -178,6 +178,10 @@ impl Sessions {
         self.peers.len()
     }
 
+    fn is_newcomer(&self, id: SessionId) -> bool {
+        self.peers.get(&id).is_some_and(|peer| peer.open.is_none())
+    }
+
     /// Since when somebody has been connected without a Hello, and who; the one who came first.
     fn oldest_newcomer(&self) -> Option<(u64, SessionId)> {
         let newcomers = self.peers.iter().filter(|(_, peer)| peer.open.is_none());

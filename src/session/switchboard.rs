@@ -157,6 +157,9 @@ impl Switchboard {
         ticket: Ticket,
         now_ns: u64,
     ) -> Result<Welcome, CallRefusal> {
+        if self.check_room().is_err() {
+            self.make_room(now_ns);
+        }
         self.check_room()?;
         let place = self.devices.iter().position(|device| device.is_called(&hello.device));
         // Where none is, the first device says which there are.
@@ -184,6 +187,12 @@ impl Switchboard {
         let known = alone || self.devices.iter().any(|device| device.is_called(&hello.device));
         let name = if alone { self.devices[0].device_name() } else { hello.device.clone() };
         known.then_some(name)
+    }
+
+    /// Whether this is a connection that has not said a good Hello yet.
+    pub fn is_newcomer(&self, id: SessionId) -> bool {
+        let device = self.places.get(&id).and_then(|place| self.devices.get(*place));
+        device.is_some_and(|device| device.is_newcomer(id))
     }
 
     /// What lists show of one session; `None` where it is not welcomed.

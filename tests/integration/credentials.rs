@@ -1,5 +1,7 @@
 //! A server that asks for credentials: who comes in, who may do what, and what is kept of it.
 
+use std::io::{Read, Write};
+use std::net::TcpStream;
 use std::time::Duration;
 
 use hapticd::app::{Daemon, Start};
@@ -15,7 +17,7 @@ use hapticd::proto::{
 use hapticd::utc::Utc;
 use tonic::{Code, Status};
 
-use super::support::{DEVICE, Rig, command_until, next_state, wait_until, wall_at};
+use super::support::{DEVICE, PATIENCE, Rig, command_until, next_state, wait_until, wall_at};
 
 /// A server that asks everybody, with these credentials; and how each of them connects.
 struct Guarded {
@@ -153,17 +155,14 @@ fn over_every_transport_a_token_decides_who_comes_in() {
 #[test]
 fn the_services_speak_tls_and_each_call_needs_its_grant() {
     let guarded = Guarded::start();
+    // HTTP/2 as it begins in plaintext (RFC 9113 section 3.4): the line goes, without a word.
+    let mut plain = TcpStream::connect(guarded.rig.daemon().grpc_address).unwrap();
+    plain.set_read_timeout(Some(PATIENCE)).unwrap();
+    plain.write_all(b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\0\0\0\x04\0\0\0\0\0").unwrap();
+    assert!(plain.read(&mut [0; 100]).unwrap_or(0) == 0, "plaintext is answered");
     guarded.rig.run(async {
         let code = |result: Result<_, Status>| result.map(|_| ()).map_err(|status| status.code());
         let state = || GetStateRequest { name: DEVICE.into() };
-        let plain = ConnectString { token: None, ..guarded.rig.target().clone() };
-        let said = match services(&plain).await {
-            Err(error) => error.to_string(),
-            Ok(mut plain) => {
-                plain.devices.get_state(state()).await.unwrap_err().message().to_owned()
-            }
-        };
-        assert!(!said.is_empty(), "plaintext is not answered");
         let mut guessed = services(&guarded.with_token("guessed")).await.unwrap();
         let answer = code(guessed.devices.list_devices(ListDevicesRequest {}).await.map(drop));
         assert_eq!(answer, Err(Code::Unauthenticated));
@@ -216,9 +215,14 @@ fn a_session_is_its_owners_and_the_operators() {
         boss.close_session(close(&ben)).await.unwrap();
     });
     let closed = guarded.audited(audit::What::SessionClosed, 2);
-    assert!(closed[0].who == "anna" && closed[0].detail.contains("closed by a call"), "{closed:?}");
+    assert!(
+        closed[0].who == "anna" && closed[0].detail.contains("by a call of boss"),
+        "{closed:?}"
+    );
     let released = guarded.audited(audit::What::LeaseReleased, 1);
-    assert!(released[0].detail.contains("of anna"), "{released:?}");
+    assert!(released[0].who == "boss" && released[0].detail.contains("of anna"), "{released:?}");
+    // Anna at ben's session, twice, and ben's session that was to command.
+    assert_eq!(guarded.audited(audit::What::Refused, 3)[0].who, "anna");
 }
 
 #[test]
@@ -291,4 +295,17 @@ fn who_is_revoked_is_sent_away_and_nobody_else() {
         next_state(&mut ben).await;
     });
     guarded.audited(audit::What::CredentialsChanged, 1);
+}
+
+#[test]
+fn who_starts_and_ends_is_told_and_a_restart_is_seen() {
+    let guarded = Guarded::start();
+    let started = &guarded.audited(audit::What::Started, 1)[0];
+    assert_eq!(
+        (started.who.as_str(), started.detail.as_str()),
+        ("local", "credentials are needed")
+    );
+    let (_, state) = guarded.rig.stop();
+    let lines = audit::tail(state.path(), 10).unwrap();
+    assert!(lines.last().unwrap().contains("\"ended\""), "{lines:?}");
 }

@@ -103,7 +103,7 @@ for port in (7353, 7350):
         raise SystemExit(f"plaintext is answered on {port}")
 PYTHON
 here "$hapticd" pair --revoke anna --state-dir "$work/state"
-sleep 1
+sleep 2
 refused "not known here" there "$hapticd" scene wall --connect "$connect" --seconds 1
 here "$hapticd" audit --state-dir "$work/state" | tail -n 12
 echo "two machines: all as it should be"

@@ -88,18 +88,26 @@ impl Devices {
     ) -> Result<Response<DeviceMode>, Status> {
         let Desk { host, modes, stops, .. } = self.find(asker, name)?;
         let lane = if command == ModeCommand::Stop { stops } else { modes };
-        let changed = Arc::clone(host);
-        let mode = lane.run(move || changed.change_mode(command)).await?;
-        let name = names::device(host);
-        tracing::info!(name, ?command, ?mode, "mode");
-        let what = match command {
-            ModeCommand::Enable => What::Enabled,
-            ModeCommand::Disable => What::Disabled,
-            ModeCommand::Stop => What::Stopped,
-            ModeCommand::ClearFault => What::FaultCleared,
-        };
-        asker.did(what, &name, "");
+        let (changed, name, asker) = (Arc::clone(host), names::device(host), asker.clone());
+        let mode = lane.run(move || {
+            let mode = changed.change_mode(command)?;
+            let name = names::device(&changed);
+            tracing::info!(name, ?command, ?mode, "mode");
+            // Here: told even if nobody waits for the answer.
+            asker.did(deed(command), &name, "");
+            Ok(mode)
+        });
+        let mode = mode.await?;
         Ok(Response::new(DeviceMode { name, mode: proto::Mode::from(mode).into() }))
+    }
+}
+
+fn deed(command: ModeCommand) -> What {
+    match command {
+        ModeCommand::Enable => What::Enabled,
+        ModeCommand::Disable => What::Disabled,
+        ModeCommand::Stop => What::Stopped,
+        ModeCommand::ClearFault => What::FaultCleared,
     }
 }
 
@@ -232,10 +240,7 @@ impl DeviceService for Devices {
         let request = request.into_inner();
         let name = request.settings.as_ref().map_or("", |settings| &settings.name);
         let desk = names::find_device(&self.desks, &asker, "settings.name", name)?;
-        let fields = request.update_mask.as_ref().map(|mask| mask.paths.join(" "));
-        let changed = settings::update(Arc::clone(&desk.host), &desk.settings, request).await?;
-        let fields = fields.unwrap_or_default();
-        asker.did(What::SettingsChanged, &names::device(&desk.host), &fields);
+        let changed = settings::update(desk, asker, request).await?;
         let Settings { mount, tool, .. } = desk.host.settings().settings;
         let DeviceDefinition { name, mount: first, tool: with, .. } = desk.host.definition();
         if (mount, tool) != (*first, *with) {
@@ -272,9 +277,13 @@ impl DeviceService for Devices {
         let asker = Asker::of(request.extensions())?;
         let Desk { host, modes, .. } = self.find(&asker, &request.get_ref().name)?;
         let homed = Arc::clone(host);
-        modes.run(move || homed.home()).await?;
-        tracing::info!(name = names::device(host), "homed");
-        asker.did(What::Homed, &names::device(host), "");
+        let home = move || {
+            homed.home()?;
+            tracing::info!(name = names::device(&homed), "homed");
+            asker.did(What::Homed, &names::device(&homed), "");
+            Ok(())
+        };
+        modes.run(home).await?;
         Ok(Response::new(convert::state_to_proto(host, &report(host).await)))
     }
 

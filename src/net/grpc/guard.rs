@@ -7,13 +7,14 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 
 use axum::extract::{ConnectInfo, Request};
-use axum::http::header::AUTHORIZATION;
+use axum::http::header::{AUTHORIZATION, HOST, ORIGIN};
 use axum::middleware::Next;
 use axum::response::Response;
 use tonic::{Extensions, Status};
 
 use crate::audit::What;
 use crate::credentials::{Denied, Grant};
+use crate::net::Access;
 use crate::net::door::Peer;
 use crate::net::gate::{Caller, Gate, Refused};
 
@@ -115,7 +116,21 @@ impl Asker {
 }
 
 /// The layer before the services.
-pub async fn guard(gate: Arc<Gate>, mut request: Request, next: Next) -> Response {
+pub async fn guard(
+    gate: Arc<Gate>,
+    access: Arc<Access>,
+    mut request: Request,
+    next: Next,
+) -> Response {
+    // Programs that are no browsers name no page, and call the server what they like.
+    if let Some(page) = request.headers().get(ORIGIN) {
+        let host = request.uri().authority().map(|name| name.as_str().to_owned());
+        let named = request.headers().get(HOST).and_then(|name| name.to_str().ok());
+        let host = host.or(named.map(str::to_owned)).unwrap_or_default();
+        if let Err(refusal) = access.check(&host, Some(&String::from_utf8_lossy(page.as_bytes()))) {
+            return Status::permission_denied(refusal.to_string()).into_http();
+        }
+    }
     let method = request.uri().path().strip_prefix(PACKAGE);
     let needed = method.and_then(|method| NEEDED.iter().find(|(name, _)| *name == method));
     // A method that is not there is refused by those who would know it.

@@ -24,7 +24,7 @@ use tonic::Status;
 use tonic::service::Routes;
 use tonic::transport::Server;
 
-use super::{Door, Gate, SessionDesk};
+use super::{Access, Door, Gate, SessionDesk};
 use crate::archive::Archive;
 use crate::config::SceneError;
 use crate::host::{HostError, Hosts};
@@ -58,6 +58,8 @@ pub struct GrpcParts {
     pub archive: Arc<Archive>,
     /// Who may call.
     pub gate: Arc<Gate>,
+    /// Whose pages may.
+    pub access: Access,
     /// Where the metrics are.
     pub http_port: u16,
 }
@@ -65,7 +67,7 @@ pub struct GrpcParts {
 /// The services behind the guard, with health and reflection (v1 and v1alpha); watches end when
 /// `stopped` is true or its sender gone.
 pub async fn routes(parts: GrpcParts, stopped: watch::Receiver<bool>) -> anyhow::Result<Router> {
-    let GrpcParts { hosts, sessions, archive, gate, http_port } = parts;
+    let GrpcParts { hosts, sessions, archive, gate, access, http_port } = parts;
     let desks = desks(&hosts);
     let devices = Devices::new(desks.clone(), sessions.clone(), http_port, stopped.clone());
     let devices = DeviceServiceServer::new(devices);
@@ -83,8 +85,10 @@ pub async fn routes(parts: GrpcParts, stopped: watch::Receiver<bool>) -> anyhow:
             .register_encoded_file_descriptor_set(DESCRIPTOR_SET)
             .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
     };
-    let guard =
-        from_fn(move |request: Request, next: Next| guard::guard(Arc::clone(&gate), request, next));
+    let access = Arc::new(access);
+    let guard = from_fn(move |request: Request, next: Next| {
+        guard::guard(Arc::clone(&gate), Arc::clone(&access), request, next)
+    });
     let routes = Routes::new(devices)
         .add_service(scenes)
         .add_service(sessions)

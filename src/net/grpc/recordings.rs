@@ -116,8 +116,12 @@ impl RecordingService for Recordings {
         let StartRecordingRequest { parent, seconds } = request.into_inner();
         let host = &names::find_device(&self.desks, &asker, "parent", &parent)?.host;
         let host = Arc::clone(host);
-        let info = self.ask(move |archive| archive.start(&host, seconds)).await?;
-        asker.did(What::RecordingStarted, &device_of(&info), &info.id);
+        let start = move |archive: &Archive| {
+            let info = archive.start(&host, seconds)?;
+            asker.did(What::RecordingStarted, &device_of(&info), &info.id);
+            Ok(info)
+        };
+        let info = self.ask(start).await?;
         Ok(Response::new(recording(info)))
     }
 
@@ -206,8 +210,12 @@ impl RecordingService for Recordings {
         let asker = Asker::of(request.extensions())?;
         let id = id_of(&request.get_ref().name)?;
         let info = self.get(&asker, &id).await?;
-        self.ask(move |archive| archive.delete(&id)).await?;
-        asker.did(What::RecordingDeleted, &device_of(&info), &info.id);
+        let delete = move |archive: &Archive| {
+            archive.delete(&id)?;
+            asker.did(What::RecordingDeleted, &device_of(&info), &info.id);
+            Ok(())
+        };
+        self.ask(delete).await?;
         Ok(Response::new(DeleteRecordingResponse {}))
     }
 }

@@ -51,6 +51,8 @@ impl Desk {
     /// Makes an edit in its turn; returns what it returned and the scene then.
     async fn edit<T: Send + 'static>(
         &self,
+        asker: Asker,
+        what: String,
         edit: impl FnOnce(&mut config::Scene) -> Result<T, SceneError> + Send + 'static,
     ) -> Result<(T, Arc<config::Scene>), Status> {
         let (host, newest) = (Arc::clone(&self.host), Arc::clone(&self.newest_scene));
@@ -58,16 +60,11 @@ impl Desk {
             let (result, scene) = host.edit_scene(edit)?;
             // Here, where edits have their turn: told even if nobody waits for the answer.
             newest.send_replace(Arc::clone(&scene));
+            let detail = format!("{what}, revision {}", scene.revision());
+            asker.did(What::SceneChanged, &names::device(&host), &detail);
             Ok((result, scene))
         };
         self.edits.run(work).await
-    }
-
-    /// For the audit log.
-    fn edited(&self, asker: &Asker, how: &str, id: &str, scene: &config::Scene) {
-        let id = if id.is_empty() { "the scene" } else { id };
-        let detail = format!("{id} {how}, revision {}", scene.revision());
-        asker.did(What::SceneChanged, &names::device(&self.host), &detail);
     }
 
     fn read(&self, id: &str, scene: &config::Scene) -> Result<Response<SceneObject>, Status> {
@@ -140,8 +137,8 @@ impl SceneService for Scenes {
         };
         let objects = objects.iter().enumerate().map(named).collect::<Result<Vec<_>, _>>()?;
         let expected = NonZeroU64::new(scene_revision);
-        let (_, scene) = desk.edit(move |scene| scene.replace(objects, expected)).await?;
-        desk.edited(&asker, "replaced", "", &scene);
+        let replace = move |scene: &mut config::Scene| scene.replace(objects, expected);
+        let (_, scene) = desk.edit(asker, "the scene replaced".into(), replace).await?;
         Ok(Response::new(scene_to_proto(&desk.host, &scene)))
     }
 
@@ -210,8 +207,8 @@ impl SceneService for Scenes {
         let object = object_from_proto(id, &object);
         let object = object.map_err(|error| field_status(&error.within("object")))?;
         let expected = NonZeroU64::new(scene_revision);
-        let (_, scene) = desk.edit(move |scene| scene.create(object, expected)).await?;
-        desk.edited(&asker, "created", &object_id, &scene);
+        let create = move |scene: &mut config::Scene| scene.create(object, expected);
+        let (_, scene) = desk.edit(asker, format!("{object_id} created"), create).await?;
         desk.read(&object_id, &scene)
     }
 
@@ -224,8 +221,8 @@ impl SceneService for Scenes {
         let object = object.ok_or_else(missing_object)?;
         let (desk, object) = named(&self.desks, &asker, "object", &object)?;
         let (id, expected) = (object.id().to_string(), NonZeroU64::new(scene_revision));
-        let (_, scene) = desk.edit(move |scene| scene.update(object, expected)).await?;
-        desk.edited(&asker, "changed", &id, &scene);
+        let update = move |scene: &mut config::Scene| scene.update(object, expected);
+        let (_, scene) = desk.edit(asker, format!("{id} changed"), update).await?;
         desk.read(&id, &scene)
     }
 
@@ -236,11 +233,10 @@ impl SceneService for Scenes {
         let asker = Asker::of(request.extensions())?;
         let DeleteObjectRequest { name, scene_revision } = request.into_inner();
         let (desk, id) = names::find_object(&self.desks, &asker, "name", &name)?;
-        let (id, deleted) = (id.to_owned(), id);
+        let (id, what) = (id.to_owned(), format!("{id} deleted"));
         let expected = NonZeroU64::new(scene_revision);
-        let edit = desk.edit(move |scene| scene.delete(&id, expected)).await?;
-        let (scene_revision, scene) = edit;
-        desk.edited(&asker, "deleted", deleted, &scene);
+        let delete = move |scene: &mut config::Scene| scene.delete(&id, expected);
+        let (scene_revision, _) = desk.edit(asker, what, delete).await?;
         Ok(Response::new(DeleteObjectResponse { scene_revision }))
     }
 }

@@ -2,7 +2,7 @@
 
 use tonic::{Request, Response, Status};
 
-use super::guard::{self, Asker};
+use super::guard::Asker;
 use super::{field_status, names};
 use crate::host::Hosts;
 use crate::net::{DeskRefusal, SealedUdpOffer, SessionDesk};
@@ -90,7 +90,7 @@ impl SessionService for SessionCallsService {
         };
         let offer = sealed.then(offer).transpose()?;
         let opened = self.desk.open(asker.who(), hello, ticket, offer).await;
-        let welcome = opened.map_err(|refusal| desk_status(&refusal))?;
+        let welcome = opened.map_err(|refusal| desk_status(&asker, &refusal))?;
         tracing::info!(session = welcome.session, device = welcome.device, "opened by a call");
         let port = self.desk.udp_port().into();
         let sealed_udp = offer.map(|SealedUdpOffer { association, secret, .. }| proto::SealedUdp {
@@ -106,9 +106,10 @@ impl SessionService for SessionCallsService {
         &self,
         request: Request<CloseSessionRequest>,
     ) -> Result<Response<CloseSessionResponse>, Status> {
-        let (caller, _) = Asker::of(request.extensions())?.who();
+        let asker = Asker::of(request.extensions())?;
         let id = session_id(&request.get_ref().name)?;
-        self.desk.close(caller, id).await.map_err(|refusal| desk_status(&refusal))?;
+        let closed = self.desk.close(asker.who(), id).await;
+        closed.map_err(|refusal| desk_status(&asker, &refusal))?;
         Ok(Response::new(CloseSessionResponse {}))
     }
 
@@ -116,19 +117,19 @@ impl SessionService for SessionCallsService {
         &self,
         request: Request<AcquireLeaseRequest>,
     ) -> Result<Response<Lease>, Status> {
-        let (caller, _) = Asker::of(request.extensions())?.who();
+        let asker = Asker::of(request.extensions())?;
         let AcquireLeaseRequest { name, takeover } = request.into_inner();
         let id = session_id(&name)?;
-        told("lease given", self.desk.acquire_lease(caller, id, takeover).await)
+        told(&asker, "lease given", self.desk.acquire_lease(asker.who(), id, takeover).await)
     }
 
     async fn release_lease(
         &self,
         request: Request<ReleaseLeaseRequest>,
     ) -> Result<Response<Lease>, Status> {
-        let (caller, _) = Asker::of(request.extensions())?.who();
+        let asker = Asker::of(request.extensions())?;
         let id = session_id(&request.get_ref().name)?;
-        told("lease released", self.desk.release_lease(caller, id).await)
+        told(&asker, "lease released", self.desk.release_lease(asker.who(), id).await)
     }
 }
 
@@ -143,8 +144,12 @@ fn wants_sealed(transport: i32) -> Result<bool, Status> {
     }
 }
 
-fn told(what: &str, lease: Result<LeaseInfo, DeskRefusal>) -> Result<Response<Lease>, Status> {
-    let LeaseInfo { holder, epoch } = lease.map_err(|refusal| desk_status(&refusal))?;
+fn told(
+    asker: &Asker,
+    what: &str,
+    lease: Result<LeaseInfo, DeskRefusal>,
+) -> Result<Response<Lease>, Status> {
+    let LeaseInfo { holder, epoch } = lease.map_err(|refusal| desk_status(asker, &refusal))?;
     let session = holder.map_or_else(String::new, |holder| holder.to_string());
     tracing::info!(session, epoch, what);
     Ok(Response::new(Lease { session, epoch }))
@@ -156,10 +161,10 @@ fn session_id(name: &str) -> Result<SessionId, Status> {
     })
 }
 
-fn desk_status(refusal: &DeskRefusal) -> Status {
+fn desk_status(asker: &Asker, refusal: &DeskRefusal) -> Status {
     match refusal {
         DeskRefusal::Call(refusal) => call_status(refusal),
-        DeskRefusal::Caller(refused) => guard::status(refused),
+        DeskRefusal::Caller(refused) => asker.refuse(refused, ""),
         DeskRefusal::Ended => Status::unavailable(refusal.to_string()),
     }
 }

@@ -7,9 +7,11 @@ use std::sync::Arc;
 
 use tonic::Status;
 
-use super::desk::Lane;
+use super::desk::Desk;
+use super::guard::Asker;
 use super::{convert, field_status, names};
 use crate::actuation::Strategy;
+use crate::audit::What;
 use crate::config::{Setting, Settings, SettingsError};
 use crate::host::{DeviceHost, SettingsInForce};
 use crate::proto;
@@ -43,10 +45,11 @@ pub fn get(host: &DeviceHost) -> proto::Settings {
 
 /// Changes what the request's mask names.
 pub async fn update(
-    host: Arc<DeviceHost>,
-    lane: &Lane,
+    desk: &Desk,
+    asker: Asker,
     request: proto::UpdateSettingsRequest,
 ) -> Result<proto::Settings, Status> {
+    let host = Arc::clone(&desk.host);
     let wanted = request.settings.unwrap_or_default();
     let paths = request.update_mask.unwrap_or_default().paths;
     let leaves = leaves(&paths).map_err(|error| field_status(&error))?;
@@ -56,15 +59,19 @@ pub async fn update(
                        tool of the device file say; change it there";
         return Err(field_status(&FieldError::new(format!("settings.{leaf}"), "(new)", allowed)));
     }
-    let told = leaves.clone();
     let editing = Arc::clone(&host);
     let edit = move || {
-        editing.edit_settings(wanted.revision, |settings| {
+        let changed = editing.edit_settings(wanted.revision, |settings| {
             leaves.iter().try_for_each(|leaf| apply(settings, leaf, &wanted))
-        })
+        })?;
+        // Here: told even if nobody waits for the answer.
+        let told = leaves.join(", ");
+        tracing::info!(changed = told, revision = changed.revision, "settings");
+        let detail = format!("{told}, revision {}", changed.revision);
+        asker.did(What::SettingsChanged, &names::device(&editing), &detail);
+        Ok(changed)
     };
-    let changed = lane.run(edit).await?;
-    tracing::info!(changed = told.join(", "), revision = changed.revision, "settings");
+    let changed = desk.settings.run(edit).await?;
     Ok(to_proto(&host, &changed))
 }
 
