@@ -435,7 +435,7 @@ mod tests {
         for (packet, why) in [
             (&forged, by_others),
             (&leading, by_others),
-            (&foreign, by_others),
+            (&foreign, Some(Unsealed::Replayed)),
             (&unknown, None),
             (&short, None),
         ] {

@@ -164,6 +164,7 @@ fn open(
         from,
         device,
         closed_by: None,
+        association: offer.map(|offer| offer.association),
     });
     if let Some(guest) = &guest {
         hub.guests.check_role(guest, hello)?;
@@ -176,7 +177,7 @@ fn open(
     }
     let opened = hub.sessions.open(hello, ticket, now_ns);
     match (&opened, guest, offer) {
-        (Err(_), _, Some(offer)) => hub.sealed.forget(&offer),
+        (Err(_), _, Some(offer)) => hub.sealed.forget(offer.association),
         (Ok(welcome), Some(guest), _) => {
             let id = SessionId::parse(&welcome.session);
             if let Some(info) = id.and_then(|id| hub.sessions.info(id, now_ns)) {

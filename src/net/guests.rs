@@ -8,6 +8,7 @@ use super::gate::{Caller, Gate, Refused};
 use crate::audit::What;
 use crate::credentials::Grant;
 use crate::proto::{self, Hello};
+use crate::sealed::AssociationId;
 use crate::session::{LeaseInfo, Role, SessionId, SessionInfo, Switchboard};
 
 /// The sessions' people.
@@ -26,6 +27,8 @@ pub(super) struct Guest {
     pub device: String,
     /// Whose call has sent it away.
     pub closed_by: Option<String>,
+    /// Over which it was to come.
+    pub association: Option<AssociationId>,
 }
 
 impl Guests {
@@ -41,7 +44,7 @@ impl Guests {
             let refused = Refused::from(denied.clone());
             self.gate.record_refused(refused.who(), &from, &device, &refused.to_string());
         })?;
-        let guest = Guest { caller, from, device, closed_by: None };
+        let guest = Guest { caller, from, device, closed_by: None, association: None };
         self.check_role(&guest, hello)?;
         Ok(guest)
     }
@@ -76,12 +79,12 @@ impl Guests {
         }
     }
 
-    /// The session is over.
-    pub fn left(&mut self, session: SessionId, why: &str) {
-        if let Some(guest) = self.known.remove(&session) {
-            let by = guest.closed_by.as_ref().map(|by| format!(" of {by}")).unwrap_or_default();
-            self.tell(What::SessionClosed, &guest, &format!("{session}: {why}{by}"));
-        }
+    /// The session is over. Returns over what it was to come, if it was not to come otherwise.
+    pub fn left(&mut self, session: SessionId, why: &str) -> Option<AssociationId> {
+        let guest = self.known.remove(&session)?;
+        let by = guest.closed_by.as_ref().map(|by| format!(" of {by}")).unwrap_or_default();
+        self.tell(What::SessionClosed, &guest, &format!("{session}: {why}{by}"));
+        guest.association
     }
 
     /// Tells which leases are others than when it was last told; by the caller of the call that

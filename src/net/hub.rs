@@ -226,11 +226,14 @@ impl Hub {
             Output::Message { to, message } => self.say(to, &message),
             Output::Close { to, reason, detail } => {
                 tracing::info!(session = %to, reason = reason.as_str_name(), detail, "session ended");
-                self.guests
-                    .left(to, if detail.is_empty() { reason.as_str_name() } else { &detail });
+                let why = if detail.is_empty() { reason.as_str_name() } else { &detail };
+                let association = self.guests.left(to, why);
                 // Its writer sends what is queued, then closes the connection.
-                if let Some(Carrier::Sealed { .. }) = self.peers.remove(&to) {
-                    self.sealed.end(to);
+                match (self.peers.remove(&to), association) {
+                    (Some(Carrier::Sealed { .. }), _) => self.sealed.end(to),
+                    // It was waited for, and never came.
+                    (None, Some(association)) => self.sealed.forget(association),
+                    _ => {}
                 }
             }
             Output::Rtt { transport, rtt_ns } => {

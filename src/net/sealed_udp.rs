@@ -48,8 +48,8 @@ impl SealedUdp {
     }
 
     /// It is not to be after all.
-    pub fn forget(&mut self, offer: &SealedUdpOffer) {
-        self.table.forget(offer.association);
+    pub fn forget(&mut self, association: AssociationId) {
+        self.table.forget(association);
     }
 
     /// Never waits; false where the datagram is lost.

@@ -306,7 +306,8 @@ fn under_an_old_epoch_nothing_is_commanded() {
             old.send_contacts(state.seq, 200, vec![wall_at(0.2)]).unwrap();
         }
         rig.wait_for_datagrams("not_allowed", 25.0);
-        let after = state_where(&mut new, |state| state.seq > tick).await;
+        // The wall of before the takeover has faded by then.
+        let after = state_where(&mut new, |state| state.seq > tick + 200).await;
         assert_eq!((after.command_seq, after.contact_id.len()), (0, 0), "not one of them");
         let state = command_until(&mut new, &[wall_at(0.29)], |s| s.contact_id == [1]).await;
         assert_eq!(state.contact_id, [1]);
