@@ -14,6 +14,7 @@ import http.server
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -66,17 +67,20 @@ def run_page(chromium, hapticd_http, token):
     url = f"http://localhost:{server.server_port}/?hashes=http://{hapticd_http}/certificate-hashes"
     if token is not None:
         url += f"&token={token}"
-    with tempfile.TemporaryDirectory() as profile, tempfile.TemporaryFile() as log:
+    profile = tempfile.mkdtemp()
+    with tempfile.TemporaryFile() as log:
         command = [chromium, *FLAGS, f"--user-data-dir={profile}", url]
-        browser = subprocess.Popen(command, stdout=log, stderr=log)
+        browser = subprocess.Popen(command, stdout=log, stderr=log, start_new_session=True)
         try:
             if not Page.told.wait(PATIENCE_S):
                 log.seek(0)
                 tail = log.read().decode(errors="replace").splitlines()[-15:]
                 raise AssertionError("the page told nothing; Chromium said:\n" + "\n".join(tail))
         finally:
-            browser.terminate()
+            # All of its processes: one that goes on writes into the profile.
+            os.killpg(browser.pid, signal.SIGKILL)
             browser.wait()
+            shutil.rmtree(profile, ignore_errors=True)
     Page.told.clear()
     return Page.results.pop()
 
