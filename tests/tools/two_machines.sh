@@ -59,7 +59,8 @@ connect=$(here "$hapticd" pair anna --role controller --host 192.0.2.1 --state-d
     2>"$work/pair.log")
 watch=$(here "$hapticd" pair ben --role observer --host 192.0.2.1 --state-dir "$work/state" \
     2>>"$work/pair.log")
-here "$hapticd" serve --listen 192.0.2.1 --state-dir "$work/state" \
+# Not by `here`: this has to be the server's own process, to be ended.
+ip netns exec "$server" "$hapticd" serve --listen 192.0.2.1 --state-dir "$work/state" \
     >"$work/connect" 2>"$work/serve.log" &
 pid=$!
 for _ in $(seq 100); do
