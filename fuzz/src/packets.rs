@@ -70,7 +70,9 @@ fn rubbish(data: &[u8]) {
         let of = packet.get(1..9).filter(|_| fits && packet[0] == 0xa1);
         assert_eq!(association_of(&packet, Direction::Up).as_ref().map(|id| &id[..]), of);
         assert!(opener.open(&mut packet.clone()).is_err());
-        assert_eq!(table.on_packet(&mut packet.clone(), at(1), 0), Heard::Nothing);
+        let mut packet = packet.clone();
+        let heard = table.on_packet(&mut packet, at(1), 0);
+        assert!(matches!(heard, Heard::Nothing | Heard::Unsealed(_)), "{heard:?}");
     }
     let good = sealer.seal(Kind::Datagram, b"x").expect("it is short");
     assert_eq!(opener.open(&mut good.clone()), Ok((Kind::Datagram, &b"x"[..])));
