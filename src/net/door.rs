@@ -4,15 +4,15 @@
 //! Whoever connects and says nothing, speaks one byte a minute, or takes no answer costs a
 //! place for seconds, not for ever: a connection has [`FIRST_WORDS`] to begin and [`QUIET`]
 //! from one answer to the next. Keeping alive what is idle is the business of the protocol
-//! above (HTTP/2 pings are answers, too). Where places run out, a newcomer takes that of the
-//! one who has been silent longest from the beginning, or waits. Where file descriptors run
-//! out, the listener sleeps; it never spins.
+//! above (HTTP/2 pings are answers, too). Where places run out, a newcomer takes that of one who
+//! never said anything, or of the neighbourhood that holds most of them ([`gives_way`]), or
+//! waits. Where file descriptors run out, the listener sleeps; it never spins.
 
-use std::collections::VecDeque;
 use std::io;
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::pin::Pin;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::task::{Context, Poll};
 use std::time::Duration;
 
@@ -25,6 +25,7 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::transport::server::Connected;
 
 use super::line::{Line, Security};
+use super::neighbours::{gives_way, neighbourhood};
 
 /// Most connections at a time: more than people, dashboards and scripts of one laboratory.
 const MOST: u64 = 128;
@@ -53,9 +54,19 @@ pub struct Door {
     listener: TcpListener,
     security: Security,
     places: Arc<Semaphore>,
-    /// Sends those away who have not said anything yet, the oldest first.
-    silent: VecDeque<oneshot::Sender<()>>,
+    /// Those inside, the oldest first, and some who have left meanwhile.
+    inside: Vec<Inside>,
     complained: Option<Instant>,
+}
+
+/// Somebody inside, as the door knows it.
+#[derive(Debug)]
+struct Inside {
+    from: IpAddr,
+    /// It has said something.
+    spoke: Arc<AtomicBool>,
+    /// Sends it away.
+    away: oneshot::Sender<()>,
 }
 
 impl Door {
@@ -70,7 +81,7 @@ impl Door {
             listener: TcpListener::from_std(listener)?,
             security,
             places: Arc::new(Semaphore::new(most)),
-            silent: VecDeque::new(),
+            inside: Vec::new(),
             complained: None,
         })
     }
@@ -81,13 +92,15 @@ impl Door {
         loop {
             match self.listener.accept().await {
                 Ok((stream, address)) => {
-                    let place = self.place().await;
+                    let from = neighbourhood(address.ip());
+                    let place = self.place(from).await;
                     let (away, leave) = oneshot::channel();
-                    self.silent.push_back(away);
+                    let spoke = Arc::<AtomicBool>::default();
+                    self.inside.push(Inside { from, spoke: Arc::clone(&spoke), away });
                     // Answers are small; one that waits to be joined by another only comes late.
                     let _ = stream.set_nodelay(true);
                     let line = Line::new(stream, &self.security);
-                    return (Visitor::new(line, address, place, leave), address);
+                    return (Visitor::new(line, address, place, (spoke, leave)), address);
                 }
                 // That client has gone again.
                 Err(error) if error.kind() == io::ErrorKind::ConnectionAborted => {}
@@ -101,16 +114,29 @@ impl Door {
         }
     }
 
-    async fn place(&mut self) -> OwnedSemaphorePermit {
-        self.silent.retain(|away| !away.is_closed());
+    async fn place(&mut self, newcomer: IpAddr) -> OwnedSemaphorePermit {
+        self.inside.retain(|inside| !inside.away.is_closed());
         if let Ok(place) = Arc::clone(&self.places).try_acquire_owned() {
             return place;
         }
-        let sent_away = self.silent.pop_front().is_some_and(|away| away.send(()).is_ok());
+        let sent_away = self.leaves_for(newcomer).is_some_and(|away| away.send(()).is_ok());
         if !sent_away && self.may_complain() {
             tracing::warn!("every connection is in use, another one has to wait");
         }
         Arc::clone(&self.places).acquire_owned().await.expect("the semaphore is never closed")
+    }
+
+    /// Who has to go, so that a newcomer has a place: one who never said anything, or else
+    /// one of many.
+    fn leaves_for(&mut self, newcomer: IpAddr) -> Option<oneshot::Sender<()>> {
+        let is_silent = |inside: &Inside| !inside.spoke.load(Ordering::Relaxed);
+        let silent = || self.inside.iter().enumerate().filter(|(_, inside)| is_silent(inside));
+        let of_most = || gives_way(silent().map(|(_, inside)| inside.from), newcomer);
+        let place = match silent().nth(of_most().unwrap_or(0)) {
+            Some((place, _)) => place,
+            None => gives_way(self.inside.iter().map(|inside| inside.from), newcomer)?,
+        };
+        Some(self.inside.remove(place).away)
     }
 
     fn may_complain(&mut self) -> bool {
@@ -170,7 +196,9 @@ pub struct Visitor {
     line: Line,
     address: SocketAddr,
     until: Pin<Box<Sleep>>,
-    /// Until its first byte: ready when its place is wanted for another.
+    /// It has said something; the door wants to know, too.
+    spoke: Arc<AtomicBool>,
+    /// Ready when its place is wanted for another; `None` when nobody can want it any more.
     leave: Option<oneshot::Receiver<()>>,
     _place: OwnedSemaphorePermit,
 }
@@ -180,10 +208,14 @@ impl Visitor {
         line: Line,
         address: SocketAddr,
         place: OwnedSemaphorePermit,
-        leave: oneshot::Receiver<()>,
+        (spoke, leave): (Arc<AtomicBool>, oneshot::Receiver<()>),
     ) -> Self {
         let until = Box::pin(tokio::time::sleep(FIRST_WORDS));
-        Self { line, address, until, leave: Some(leave), _place: place }
+        Self { line, address, until, spoke, leave: Some(leave), _place: place }
+    }
+
+    fn spoke(&self) -> bool {
+        self.spoke.load(Ordering::Relaxed)
     }
 
     fn extend(&mut self) {
@@ -192,13 +224,26 @@ impl Visitor {
 
     /// Instead of waiting on: an error when its time is over.
     fn wait<T>(&mut self, cx: &mut Context<'_>) -> Poll<io::Result<T>> {
-        let wanted = self.leave.as_mut().map(|leave| Pin::new(leave).poll(cx));
-        let wanted = matches!(wanted, Some(Poll::Ready(Ok(()))));
-        if wanted || self.until.as_mut().poll(cx).is_ready() {
+        if self.is_wanted(cx) || self.until.as_mut().poll(cx).is_ready() {
             let quiet = io::Error::new(io::ErrorKind::TimedOut, "quiet for too long");
             return Poll::Ready(Err(quiet));
         }
         Poll::Pending
+    }
+
+    /// Whether its place is; once it is, it stays so.
+    fn is_wanted(&mut self, cx: &mut Context<'_>) -> bool {
+        let Some(leave) = &mut self.leave else { return false };
+        match Pin::new(leave).poll(cx) {
+            Poll::Pending => false,
+            Poll::Ready(wanted) => {
+                self.leave = None;
+                if wanted.is_ok() {
+                    self.until.as_mut().reset(Instant::now());
+                }
+                wanted.is_ok()
+            }
+        }
     }
 
     fn written(
@@ -208,7 +253,7 @@ impl Visitor {
     ) -> Poll<io::Result<usize>> {
         match written {
             Poll::Pending => self.wait(cx),
-            Poll::Ready(Ok(_)) if self.leave.is_none() => {
+            Poll::Ready(Ok(_)) if self.spoke() => {
                 self.extend();
                 written
             }
@@ -228,8 +273,7 @@ impl AsyncRead for Visitor {
         if read.is_pending() {
             return self.wait(cx);
         }
-        if self.leave.is_some() && buffer.filled().len() > before {
-            self.leave = None;
+        if buffer.filled().len() > before && !self.spoke.swap(true, Ordering::Relaxed) {
             self.extend();
         }
         read
@@ -260,11 +304,13 @@ impl AsyncWrite for Visitor {
     }
 
     fn poll_flush(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.line).poll_flush(cx)
+        let flushed = Pin::new(&mut self.line).poll_flush(cx);
+        if flushed.is_pending() { self.wait(cx) } else { flushed }
     }
 
     fn poll_shutdown(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.line).poll_shutdown(cx)
+        let shut = Pin::new(&mut self.line).poll_shutdown(cx);
+        if shut.is_pending() { self.wait(cx) } else { shut }
     }
 }
 
@@ -300,13 +346,28 @@ mod tests {
         }
     }
 
+    fn door(most: usize) -> (Door, SocketAddr) {
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let door = Door::with(listener, Security::Plain, most).unwrap();
+        let address = door.listener.local_addr().unwrap();
+        (door, address)
+    }
+
+    fn run(test: impl Future<Output = ()>) {
+        tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap().block_on(test);
+    }
+
+    /// From another address of this machine.
+    async fn connect_from(from: [u8; 4], to: SocketAddr) -> TcpStream {
+        let socket = tokio::net::TcpSocket::new_v4().unwrap();
+        socket.bind((from, 0).into()).unwrap();
+        socket.connect(to).await.unwrap()
+    }
+
     #[test]
     fn a_newcomer_takes_the_place_of_the_silent_and_waits_for_those_who_speak() {
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-        runtime.block_on(async {
-            let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
-            let mut door = Door::with(listener, Security::Plain, 1).unwrap();
-            let address = door.listener.local_addr().unwrap();
+        run(async {
+            let (mut door, address) = door(1);
             let _silent = TcpStream::connect(address).await.unwrap();
             let (mut silent, _) = door.accept().await;
             let silent = tokio::spawn(async move { silent.read_u8().await });
@@ -324,6 +385,47 @@ mod tests {
             assert!(!waiting.is_finished(), "the second has spoken");
             drop(inside);
             assert_eq!(waiting.await.unwrap(), third.local_addr().unwrap());
+        });
+    }
+
+    #[test]
+    fn who_holds_most_places_gives_one_to_a_newcomer_from_elsewhere() {
+        run(async {
+            let (mut door, address) = door(3);
+            let mut held = Vec::new();
+            for _ in 0..3 {
+                let mut outside = connect_from([127, 0, 0, 2], address).await;
+                let (mut inside, _) = door.accept().await;
+                outside.write_all(b"x").await.unwrap();
+                inside.read_u8().await.unwrap();
+                held.push((outside, tokio::spawn(async move { inside.read_u8().await })));
+            }
+            let mut another = connect_from([127, 0, 0, 3], address).await;
+            let (mut inside, from) = door.accept().await;
+            assert_eq!(from, another.local_addr().unwrap());
+            let (_, oldest) = held.remove(0);
+            assert_eq!(oldest.await.unwrap().unwrap_err().kind(), io::ErrorKind::TimedOut);
+            assert!(held.iter().all(|(_, task)| !task.is_finished()));
+            another.write_all(b"x").await.unwrap();
+            assert_eq!(inside.read_u8().await.unwrap(), b'x');
+        });
+    }
+
+    #[test]
+    fn whoever_is_inside_stays_where_the_door_is_gone() {
+        run(async {
+            let (mut door, address) = door(1);
+            let mut outside = TcpStream::connect(address).await.unwrap();
+            let (mut inside, _) = door.accept().await;
+            drop(door);
+            let reading = tokio::spawn(async move {
+                let first = inside.read_u8().await;
+                (first, inside.read_u8().await)
+            });
+            tokio::time::sleep(Duration::from_millis(20)).await;
+            outside.write_all(b"xy").await.unwrap();
+            let (first, second) = reading.await.unwrap();
+            assert_eq!((first.unwrap(), second.unwrap()), (b'x', b'y'));
         });
     }
 }

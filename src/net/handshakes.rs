@@ -4,35 +4,65 @@
 //! A newcomer has to show first that it hears what is sent to its address (Retry, RFC 9000 section
 //! 8.1.2): that takes no handshake, and is less than what came. Whoever writes somebody else's
 //! address on its packets goes no further, and gets nothing amplified there (a handshake would
-//! answer with three times what came). Those who do hear are let in at a bounded rate, and of those
-//! under way each address has a share; the rest is dropped without a word, and comes again if it is a client.
+//! answer with three times what came). Those who do hear are let in at a bounded rate, half of it
+//! for those who did not come in the last second; where too many are under way, one of those who
+//! have most of them gives way ([`gives_way`]). The rest is dropped without a word, and comes
+//! again if it is a client.
 
 use std::collections::HashMap;
 use std::net::IpAddr;
 
-/// Most under way at a time, and of one address.
+use tokio::sync::oneshot;
+
+use super::neighbours::{gives_way, neighbourhood};
+
+/// Most under way at a time.
 const MOST: usize = 64;
-const MOST_OF_ONE: usize = 32;
 
 /// Most in a row, and in a second: 2 % of the stream thread.
 const BURST: f64 = 64.0;
 const PER_S: f64 = 64.0;
 
+/// Of those in a row, so many are for who did not come lately.
+const RESERVED: f64 = BURST / 2.0;
+const LATELY_NS: u64 = 1_000_000_000;
+
 /// What becomes of a newcomer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Debug)]
 pub(super) enum Verdict {
-    Accept,
+    Accept(Admitted),
     /// It has to prove its address.
     Retry,
     /// Not a word.
     Ignore,
 }
 
+/// A handshake that is let in.
+#[derive(Debug)]
+pub(super) struct Admitted {
+    /// Its number, for [`Handshakes::ended`].
+    pub number: u64,
+    /// Ready when its place is another's.
+    pub gives_way: oneshot::Receiver<()>,
+}
+
+/// One of those under way.
+#[derive(Debug)]
+struct UnderWay {
+    number: u64,
+    from: IpAddr,
+    /// Sending it away is letting this go.
+    _place: oneshot::Sender<()>,
+}
+
 /// The handshakes of one endpoint.
 #[derive(Debug)]
 pub(super) struct Handshakes {
-    under_way: HashMap<IpAddr, usize>,
-    count: usize,
+    /// The oldest first.
+    under_way: Vec<UnderWay>,
+    /// When one of a neighbourhood was let in last.
+    lately: HashMap<IpAddr, u64>,
+    admitted: u64,
     /// So many may come at once.
     room: f64,
     judged_ns: u64,
@@ -41,7 +71,8 @@ pub(super) struct Handshakes {
 impl Handshakes {
     /// None yet.
     pub fn new(now_ns: u64) -> Self {
-        Self { under_way: HashMap::new(), count: 0, room: BURST, judged_ns: now_ns }
+        let (under_way, lately) = (Vec::with_capacity(MOST), HashMap::new());
+        Self { under_way, lately, admitted: 0, room: BURST, judged_ns: now_ns }
     }
 
     /// Judges a newcomer; one that is accepted is under way until [`Handshakes::ended`].
@@ -49,28 +80,36 @@ impl Handshakes {
         let passed_s = now_ns.saturating_sub(self.judged_ns) as f64 * 1e-9;
         self.judged_ns = now_ns;
         self.room = (self.room + passed_s * PER_S).min(BURST);
-        let of_one = self.under_way.get(&from).copied().unwrap_or_default();
         if !proven {
             return Verdict::Retry;
         }
-        if self.room < 1.0 || self.count >= MOST || of_one >= MOST_OF_ONE {
+        let from = neighbourhood(from);
+        let came = self.lately.get(&from).is_some_and(|ns| now_ns.saturating_sub(*ns) < LATELY_NS);
+        if self.room < 1.0 + if came { RESERVED } else { 0.0 } {
             return Verdict::Ignore;
         }
+        if self.under_way.len() >= MOST {
+            let holders = self.under_way.iter().map(|one| one.from);
+            let Some(place) = gives_way(holders, from) else { return Verdict::Ignore };
+            self.under_way.remove(place);
+        }
+        Verdict::Accept(self.admit(from, now_ns))
+    }
+
+    fn admit(&mut self, from: IpAddr, now_ns: u64) -> Admitted {
         self.room -= 1.0;
-        self.count += 1;
-        *self.under_way.entry(from).or_default() += 1;
-        Verdict::Accept
+        // No more than were let in within a second: the rate bounds this, too.
+        self.lately.retain(|_, ns| now_ns.saturating_sub(*ns) < LATELY_NS);
+        self.lately.insert(from, now_ns);
+        self.admitted += 1;
+        let (place, gives_way) = oneshot::channel();
+        self.under_way.push(UnderWay { number: self.admitted, from, _place: place });
+        Admitted { number: self.admitted, gives_way }
     }
 
     /// One that was accepted has come to its end, good or bad.
-    pub fn ended(&mut self, from: IpAddr) {
-        self.count -= 1;
-        if let Some(of_one) = self.under_way.get_mut(&from) {
-            *of_one -= 1;
-            if *of_one == 0 {
-                self.under_way.remove(&from);
-            }
-        }
+    pub fn ended(&mut self, number: u64) {
+        self.under_way.retain(|one| one.number != number);
     }
 }
 
@@ -84,35 +123,61 @@ mod tests {
         [192, 0, 2, last].into()
     }
 
+    fn come(door: &mut Handshakes, from: IpAddr, now_ns: u64) -> Option<Admitted> {
+        match door.judge(from, true, now_ns) {
+            Verdict::Accept(admitted) => Some(admitted),
+            _ => None,
+        }
+    }
+
     /// Whoever never proves its address holds up nobody who does.
     #[test]
     fn a_flood_from_nowhere_takes_no_room() {
         let mut door = Handshakes::new(0);
         for i in 0..100_000_u64 {
-            assert_eq!(door.judge(address(i as u8), false, i * 1000), Verdict::Retry);
+            assert!(matches!(door.judge(address(i as u8), false, i * 1000), Verdict::Retry));
         }
-        assert_eq!(door.judge(address(1), true, SECOND), Verdict::Accept);
+        assert!(come(&mut door, address(1), SECOND).is_some());
     }
 
     #[test]
-    fn a_busy_address_leaves_room_for_others_and_the_rate_is_bounded() {
+    fn the_rate_is_bounded_and_whoever_is_gone_is_forgotten() {
         let mut door = Handshakes::new(0);
-        let accepted =
-            |door: &mut Handshakes, from, now_ns| door.judge(from, true, now_ns) == Verdict::Accept;
-        assert_eq!((0..100).filter(|_| accepted(&mut door, address(1), 0)).count(), MOST_OF_ONE);
-        assert!(accepted(&mut door, address(2), 0));
-        // As fast as they end: at first a burst, then the rate.
         let mut all = 0;
         for ms in 0..10_000_u64 {
             for _ in 0..3 {
-                if accepted(&mut door, address(3), ms * 1_000_000) {
-                    door.ended(address(3));
+                if let Some(Admitted { number, .. }) = come(&mut door, address(3), ms * 1_000_000) {
+                    door.ended(number);
                     all += 1;
                 }
             }
         }
         assert!((600..=720).contains(&all), "{all} in ten seconds");
-        let (count, addresses) = (door.count, door.under_way.len());
-        assert_eq!((count, addresses), (MOST_OF_ONE + 1, 2), "whoever is gone is forgotten");
+        assert_eq!((door.under_way.len(), door.lately.len()), (0, 1));
+        come(&mut door, address(4), 20 * SECOND);
+        assert_eq!(door.lately.len(), 1);
+    }
+
+    /// Both halves of what an attacker can hold: the rate, and the places.
+    #[test]
+    fn those_who_come_all_the_time_leave_room_for_who_comes_seldom() {
+        let mut door = Handshakes::new(0);
+        let (mut held, mut guests) = (Vec::new(), Vec::new());
+        for ms in 0..20_000_u64 {
+            let now_ns = ms * 1_000_000;
+            for attacker in [1, 2] {
+                held.extend(come(&mut door, address(attacker), now_ns));
+            }
+            if ms % 2_000 == 1_999 {
+                guests.push(come(&mut door, address(200), now_ns).expect("there is room"));
+                assert!(door.under_way.len() <= MOST);
+            }
+        }
+        let sent_away = |admitted: &mut Admitted| {
+            admitted.gives_way.try_recv() == Err(oneshot::error::TryRecvError::Closed)
+        };
+        assert!(!guests.iter_mut().any(sent_away), "none of ten made room again");
+        let gave_way = held.iter_mut().map(sent_away).filter(|gave_way| *gave_way).count();
+        assert!(gave_way >= guests.len() && held.len() - gave_way == MOST - guests.len());
     }
 }

@@ -19,6 +19,7 @@ mod http;
 mod hub;
 mod identity;
 mod line;
+mod neighbours;
 mod sealed_udp;
 mod stream;
 

@@ -24,7 +24,7 @@ use tokio::sync::oneshot;
 use super::browser::{BrowserIdentity, ByProtocol};
 use super::calls::SessionCalls;
 use super::connection::{FAREWELL, attend};
-use super::handshakes::{Handshakes, Verdict};
+use super::handshakes::{Admitted, Handshakes, Verdict};
 use super::hub::{Hub, Shared, StreamDevice};
 use super::sealed_udp::{self, SealedUdp};
 use super::{Access, Gate, Identity};
@@ -177,12 +177,15 @@ async fn accept(endpoint: &Endpoint, hub: &Shared, access: Access, gate: &Gate) 
         let (ip, proven) = (incoming.remote_address().ip(), incoming.remote_address_validated());
         let verdict = handshakes.borrow_mut().judge(ip, proven, now_ns());
         match verdict {
-            Verdict::Accept => {
+            Verdict::Accept(Admitted { number, gives_way }) => {
                 let (hub, access) = (Rc::clone(hub), Rc::clone(&access));
                 let handshakes = Rc::clone(&handshakes);
                 tokio::task::spawn_local(async move {
-                    let connected = tokio::time::timeout(HANDSHAKE, incoming).await;
-                    handshakes.borrow_mut().ended(ip);
+                    let connected = tokio::select! {
+                        connected = tokio::time::timeout(HANDSHAKE, incoming) => connected,
+                        _ = gives_way => return,
+                    };
+                    handshakes.borrow_mut().ended(number);
                     if let Ok(Ok(connection)) = connected {
                         attend(hub, connection, access).await;
                     }
