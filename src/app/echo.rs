@@ -35,13 +35,13 @@ pub trait Way {
 }
 
 /// One block of pings, sent on time whether or not the one before is back; what comes back
-/// after the first few is recorded.
+/// after the first few is recorded. Returns how many came back.
 pub async fn block(
     way: &mut impl Way,
     pings: usize,
     pace: Duration,
     mut record: impl FnMut(Duration),
-) -> anyhow::Result<()> {
+) -> anyhow::Result<usize> {
     let mut ticks = interval(pace);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let (mut sent, mut answered) = (0, 0);
@@ -67,7 +67,7 @@ pub async fn block(
         }
     }
     anyhow::ensure!(2 * answered > pings, "only {answered} of {pings} pings came back");
-    Ok(())
+    Ok(answered)
 }
 
 /// The client of a server. What else it receives, it answers on the way.

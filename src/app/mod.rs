@@ -14,6 +14,7 @@ pub mod echo;
 mod log;
 pub mod netsim;
 mod reachable;
+pub mod relay;
 mod services;
 mod signals;
 mod sockets;

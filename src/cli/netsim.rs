@@ -6,19 +6,20 @@ use std::time::Duration;
 use anyhow::Context;
 use clap::Args;
 use serde_json::{Value, json};
+use tokio::net::TcpListener;
 
 use super::format::parse_seconds;
 use crate::app::Signals;
 use crate::app::netsim::{Figures, Netsim as Proxy, NetsimConfig};
+use crate::app::relay::relay;
 use crate::client::{ConnectString, DEFAULT_UDP_PORT};
 use crate::impairment::{Carried, Impairment};
 
 /// Stand between a server and its clients as a bad network: whoever connects to the line that
 /// is printed reaches the server's stream through it, whatever the transport
 ///
-/// Each direction is as bad as is said: the round trip has twice the delay. The services
-/// (gRPC) are not behind it: the printed line names the server's own port, so that a client over
-/// sealed UDP, which begins with a call, has to run on the server's machine.
+/// Each direction is as bad as is said: the round trip has twice the delay. Calls of the
+/// services (gRPC) are passed on as well, and no worse for it.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   hapticd netsim --delay-ms 30 --loss-percent 3
@@ -30,8 +31,8 @@ pub struct Netsim {
     /// Where the server is: the line that `serve` prints, or HOST:PORT on this machine
     #[arg(long, value_name = "STRING", default_value = "127.0.0.1:7351")]
     connect: ConnectString,
-    /// Where clients of QUIC and WebTransport come, and beside it on a free port those of sealed
-    /// UDP; port 0: any that is free
+    /// Where clients of QUIC and WebTransport come, and beside it on free ports sealed UDP and
+    /// calls; port 0: any that is free
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
     listen: SocketAddr,
     #[command(flatten)]
@@ -90,7 +91,10 @@ impl Netsim {
             .with_context(|| format!("cannot find {}", self.connect.host))?
             .next()
             .with_context(|| format!("{} has no address", self.connect.host))?;
-        let (proxies, through) = self.path.stand_before(&self.connect, target.ip(), self.listen)?;
+        let ip = target.ip();
+        let (proxies, mut through) = self.path.stand_before(&self.connect, ip, self.listen)?;
+        let calls = TcpListener::bind((self.listen.ip(), 0)).await?;
+        through.grpc_port = calls.local_addr()?.port();
         // With --json stdout is for the object alone.
         if self.json {
             eprintln!("{through}")
@@ -100,6 +104,7 @@ impl Netsim {
         tokio::select! {
             () = signals.received() => {}
             () = tokio::time::sleep(self.seconds.unwrap_or_default()), if self.seconds.is_some() => {}
+            () = relay(calls, (ip, self.connect.grpc_port).into()) => {}
         }
         let [stream, sealed] = proxies.map(|proxy| proxy.figures());
         let Figures { mut up, mut down } = stream;

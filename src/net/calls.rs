@@ -167,7 +167,7 @@ fn open(
         association: offer.map(|offer| offer.association),
     });
     if let Some(guest) = &guest {
-        hub.guests.check_role(guest, hello)?;
+        hub.guests.check(guest, hello)?;
     }
     if let Some(offer) = offer {
         hub.sealed.open(&offer, now_ns).map_err(|full| CallRefusal::Refused {

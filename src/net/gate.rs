@@ -7,6 +7,7 @@
 
 use crate::audit::{AuditLog, Event, What};
 use crate::credentials::{Denied, Grant, Holder, Keyring, LOCAL, NotAllowed, TokenHash};
+use crate::proto::ByeReason;
 use crate::telemetry::{TurnedAway, TurnedAwayMetrics};
 use crate::utc::Utc;
 
@@ -36,6 +37,9 @@ pub enum Refused {
     /// It does not allow this.
     #[error(transparent)]
     NotAllowed(#[from] NotAllowed),
+    /// One credential leaves room for others.
+    #[error("credential {name} has {held} of {most} sessions; end one of them")]
+    Share { name: String, held: usize, most: usize },
 }
 
 impl Gate {
@@ -113,9 +117,16 @@ impl Refused {
         match self {
             Self::Denied(Denied::Missing | Denied::Unknown) => "",
             Self::Denied(Denied::Expired { name, .. })
-            | Self::NotAllowed(NotAllowed::Grant { name, .. } | NotAllowed::Device { name, .. }) => {
-                name
-            }
+            | Self::NotAllowed(NotAllowed::Grant { name, .. } | NotAllowed::Device { name, .. })
+            | Self::Share { name, .. } => name,
+        }
+    }
+
+    /// What a Bye says.
+    pub fn reason(&self) -> ByeReason {
+        match self {
+            Self::Denied(_) | Self::NotAllowed(_) => ByeReason::Denied,
+            Self::Share { .. } => ByeReason::TooManySessions,
         }
     }
 }

@@ -15,6 +15,8 @@ use crate::session::{LeaseInfo, Role, SessionId, SessionInfo, Switchboard};
 pub(super) struct Guests {
     gate: Arc<Gate>,
     known: HashMap<SessionId, Guest>,
+    /// Sessions that there can be.
+    most: usize,
     /// Of each device, as last told.
     leases: Vec<LeaseInfo>,
 }
@@ -32,9 +34,9 @@ pub(super) struct Guest {
 }
 
 impl Guests {
-    /// Nobody yet.
-    pub fn new(gate: Arc<Gate>) -> Self {
-        Self { gate, known: HashMap::new(), leases: Vec::new() }
+    /// Nobody yet, of so many.
+    pub fn new(gate: Arc<Gate>, most: usize) -> Self {
+        Self { gate, known: HashMap::new(), most, leases: Vec::new() }
     }
 
     /// Judges a Hello with a token: who it is, for this device and the role that it asks for.
@@ -45,17 +47,29 @@ impl Guests {
             self.gate.record_refused(refused.who(), &from, &device, &refused.to_string());
         })?;
         let guest = Guest { caller, from, device, closed_by: None, association: None };
-        self.check_role(&guest, hello)?;
+        self.check(&guest, hello)?;
         Ok(guest)
     }
 
-    /// Judges the role that a Hello asks for.
-    pub fn check_role(&self, guest: &Guest, hello: &Hello) -> Result<(), Refused> {
+    /// Judges the role that a Hello asks for, and whether there is another session for its
+    /// credential.
+    pub fn check(&self, guest: &Guest, hello: &Hello) -> Result<(), Refused> {
         let Guest { caller, from, device, .. } = guest;
         let allowed = caller.holder().check(needed_for(hello.role), device);
-        allowed.map_err(Refused::from).inspect_err(|refused| {
+        let checked = allowed.map_err(Refused::from).and_then(|()| self.check_share(caller));
+        checked.inspect_err(|refused| {
             self.gate.record_refused(caller.name(), from, device, &refused.to_string());
         })
+    }
+
+    /// One credential has half of all sessions at most, so that it keeps nobody out.
+    fn check_share(&self, caller: &Caller) -> Result<(), Refused> {
+        let (name, most) = (caller.name(), self.most);
+        let held = self.known.values().filter(|guest| guest.caller.name() == name).count();
+        if self.gate.is_guarded() && held >= (most / 2).max(1) {
+            return Err(Refused::Share { name: name.to_owned(), held, most });
+        }
+        Ok(())
     }
 
     /// A session was opened for it.

@@ -111,8 +111,9 @@ impl Hub {
                 round_trips: device.round_trips,
             });
         }
+        let most = configs.first().map_or(0, |config| config.max_sessions);
         let sessions = Switchboard::new(configs);
-        let guests = Guests::new(Arc::clone(&gate));
+        let guests = Guests::new(Arc::clone(&gate), most);
         (Self { sessions, peers: HashMap::new(), sealed, guests, gate, bridges }, doorbells)
     }
 
@@ -126,7 +127,7 @@ impl Hub {
         let guest = match guest {
             Ok(guest) => guest,
             Err(refused) => {
-                self.sessions.deny(id, &refused.to_string(), now_ns());
+                self.sessions.send_away(id, refused.reason(), &refused.to_string(), now_ns());
                 return id;
             }
         };
@@ -170,7 +171,7 @@ impl Hub {
         let role = self.sessions.info(id, now_ns()).map(|info| info.role);
         let refused = role.and_then(|role| self.guests.judge_again(id, role));
         if let Some(refused) = refused {
-            self.sessions.deny(id, &refused.to_string(), now_ns());
+            self.sessions.send_away(id, refused.reason(), &refused.to_string(), now_ns());
             self.act();
         }
     }
@@ -294,7 +295,9 @@ impl Hub {
                     open.filter(|session| like(session)).count()
                 };
                 for transport in Transport::ALL {
-                    let here = |session: &SessionInfo<'_>| session.transport == transport;
+                    let here = |session: &SessionInfo<'_>| {
+                        !session.waiting && session.transport == transport
+                    };
                     metrics.sessions(role, transport, alike(&here));
                 }
                 metrics.slowed(role, alike(&|session| session.slowed_by > 1));

@@ -198,7 +198,7 @@ pub struct SessionInfo<'a> {
     pub id: SessionId,
     /// What it may do.
     pub role: Role,
-    /// How it is connected.
+    /// How it is connected, once its stream has come.
     pub transport: Transport,
     /// What it calls itself.
     pub client_name: &'a str,

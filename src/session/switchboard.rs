@@ -170,12 +170,8 @@ impl Switchboard {
         Ok(welcome)
     }
 
-    /// Sends a session away, or a connection that is none yet, for want of a credential.
-    pub fn deny(&mut self, id: SessionId, detail: &str, now_ns: u64) {
-        self.send_away(id, ByeReason::Denied, detail, now_ns);
-    }
-
-    fn send_away(&mut self, id: SessionId, reason: ByeReason, detail: &str, now_ns: u64) {
+    /// Sends a session away, or a connection that is none yet.
+    pub fn send_away(&mut self, id: SessionId, reason: ByeReason, detail: &str, now_ns: u64) {
         if let Some(device) = self.device_of(id) {
             device.send_away(id, reason, detail, now_ns);
         }

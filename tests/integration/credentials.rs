@@ -20,13 +20,13 @@ use tonic::{Code, Status};
 use super::support::{DEVICE, PATIENCE, Rig, command_until, next_state, wait_until, wall_at};
 
 /// A server that asks everybody, with these credentials; and how each of them connects.
-struct Guarded {
-    rig: Rig,
+pub struct Guarded {
+    pub rig: Rig,
     tokens: Vec<String>,
 }
 
-const ANNA: usize = 0;
-const BEN: usize = 1;
+pub const ANNA: usize = 0;
+pub const BEN: usize = 1;
 const BOSS: usize = 2;
 const ELSEWHERE: usize = 3;
 
@@ -38,9 +38,15 @@ fn issue(file: &CredentialFile, name: &str, grant: Grant, device: Option<&str>) 
 
 impl Guarded {
     fn start() -> Self {
+        Self::with(|_| ())
+    }
+
+    /// With a configuration changed like that.
+    pub fn with(change: impl FnOnce(&mut ServerConfig)) -> Self {
         let mut tokens = Vec::new();
         let rig = Rig::with(|config| {
             config.require_credentials = true;
+            change(config);
             let file = CredentialFile::in_directory(config.state_dir.as_ref().unwrap());
             tokens.push(issue(&file, "anna", Grant::Controller, Some(DEVICE)));
             tokens.push(issue(&file, "ben", Grant::Observer, None));
@@ -50,7 +56,7 @@ impl Guarded {
         Self { rig, tokens }
     }
 
-    fn target(&self, who: usize) -> ConnectString {
+    pub fn target(&self, who: usize) -> ConnectString {
         self.with_token(&self.tokens[who])
     }
 
@@ -58,20 +64,20 @@ impl Guarded {
         ConnectString { token: Some(token.to_owned()), ..self.rig.target().clone() }
     }
 
-    async fn client(&self, who: usize, role: Role) -> Result<Client, ClientError> {
+    pub async fn client(&self, who: usize, role: Role) -> Result<Client, ClientError> {
         Client::connect(&self.target(who), Options::new("a scene", role)).await
     }
 
-    async fn services(&self, who: usize) -> Services {
+    pub async fn services(&self, who: usize) -> Services {
         services(&self.target(who)).await.unwrap()
     }
 
-    fn file(&self) -> CredentialFile {
+    pub fn file(&self) -> CredentialFile {
         CredentialFile::in_directory(self.rig.state_dir())
     }
 
     /// What the audit log has, once it has this many lines of a kind.
-    fn audited(&self, what: audit::What, count: usize) -> Vec<audit::Line> {
+    pub fn audited(&self, what: audit::What, count: usize) -> Vec<audit::Line> {
         let mut found = Vec::new();
         wait_until(&format!("{count} lines of {what:?}"), || {
             let lines = audit::tail(self.rig.state_dir(), 1000).unwrap();

@@ -5,6 +5,8 @@
 #[cfg(feature = "net")]
 mod attacks;
 #[cfg(feature = "net")]
+mod bad_network;
+#[cfg(feature = "net")]
 mod commands;
 #[cfg(feature = "net")]
 mod credentials;
@@ -40,6 +42,8 @@ mod services;
 mod sessions;
 #[cfg(feature = "net")]
 mod settings;
+#[cfg(feature = "net")]
+mod shares;
 #[cfg(feature = "net")]
 mod stream;
 #[cfg(feature = "net")]

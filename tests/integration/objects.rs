@@ -315,7 +315,7 @@ fn a_watch_too_many_is_refused_and_one_that_ends_makes_room() {
             watches.push(services.scenes.watch_scene(watch()).await.unwrap());
         }
         let refused = services.scenes.watch_scene(watch()).await.map(drop);
-        expect(refused, Code::ResourceExhausted, "64 watches are open already");
+        expect(refused, Code::ResourceExhausted, "64 watches of scenes are open already");
         watches.pop();
         while services.scenes.watch_scene(watch()).await.is_err() {
             tokio::time::sleep(Duration::from_millis(5)).await;

@@ -108,20 +108,19 @@ fn devices_are_listed_at_once_and_when_their_mode_changes() {
         let mut devices = rig.services().await.devices;
         let watched = devices.watch_devices(WatchDevicesRequest {}).await;
         let mut lists = watched.unwrap().into_inner();
-        let mut modes = Vec::new();
-        for command in 0..3 {
+        for wanted in [Mode::Enabled, Mode::Disabled, Mode::Enabled] {
             let list = lists.message().await.unwrap().unwrap().devices;
             let [only] = list.as_slice() else { panic!("{list:?}") };
             assert_eq!((only.name.as_str(), only.simulated), (DEVICE, true));
-            modes.push(only.mode());
+            assert_eq!(only.mode(), wanted, "{only:?}");
             let name = DEVICE.to_owned();
-            match command {
-                0 => drop(devices.disable(DisableRequest { name }).await.unwrap()),
-                1 => drop(devices.enable(EnableRequest { name }).await.unwrap()),
-                _ => {}
+            match wanted {
+                Mode::Enabled => drop(devices.disable(DisableRequest { name }).await.unwrap()),
+                _ => drop(devices.enable(EnableRequest { name }).await.unwrap()),
             }
         }
-        assert_eq!(modes, [Mode::Enabled, Mode::Disabled, Mode::Enabled]);
+        let last = lists.message().await.unwrap().unwrap().devices;
+        assert_eq!(last[0].mode(), Mode::Disabled);
         // Nothing changes, nothing comes.
         let silent = tokio::time::timeout(Duration::from_millis(200), lists.message()).await;
         assert!(silent.is_err(), "{silent:?}");

@@ -3,13 +3,13 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use tokio::sync::{Semaphore, mpsc, watch};
+use tokio::sync::watch;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep};
-use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status};
 
 use super::desk::{Desk, Desks};
 use super::guard::Asker;
+use super::places::Places;
 use super::{convert, explain, field_status, manipulability, names, settings, watches};
 use crate::actuation::ActuatorKind;
 use crate::analysis::workspace;
@@ -36,9 +36,6 @@ const DEFAULT_INTERVAL_MS: u32 = 100;
 /// States that may wait for a slow reader before it is skipped.
 const WAITING_STATES: usize = 4;
 
-/// Watches at a time.
-const MAX_WATCHES: usize = 64;
-
 /// Reports come a few milliseconds after their tick; one that stays away so long does not come.
 const NO_REPORT: Duration = Duration::from_millis(250);
 
@@ -50,7 +47,7 @@ pub struct Devices {
     desks: Desks,
     sessions: SessionDesk,
     http_port: u16,
-    watches: Arc<Semaphore>,
+    watches: Places,
     stopped: watch::Receiver<bool>,
 }
 
@@ -62,7 +59,7 @@ impl Devices {
         http_port: u16,
         stopped: watch::Receiver<bool>,
     ) -> Self {
-        let watches = Arc::new(Semaphore::new(MAX_WATCHES));
+        let watches = Places::new("watches of devices", watches::MOST);
         Self { desks, sessions, http_port, watches, stopped }
     }
 
@@ -72,12 +69,9 @@ impl Devices {
 
     /// A place among the watches.
     fn watch(&self, asker: Asker, device: &str) -> Result<watches::Watch, Status> {
-        let Ok(place) = Arc::clone(&self.watches).try_acquire_owned() else {
-            let full = format!("{MAX_WATCHES} watches are open already; end one of them");
-            return Err(Status::resource_exhausted(full));
-        };
+        let place = self.watches.take(&asker)?;
         let (stopped, device) = (self.stopped.clone(), device.to_owned());
-        Ok(watches::Watch { _place: place, stopped, asker, device })
+        Ok(watches::Watch { _place: place, stopped, asker, device, unfinished: None })
     }
 
     async fn change(
@@ -150,6 +144,10 @@ impl DeviceService for Devices {
         // What it holds for as long as it lists: one that is bound to a device, for that.
         let device = asker.own_device();
         let watch = self.watch(asker.clone(), &device)?;
+        // The first list is of what is, not of what was before the first tick.
+        for desk in self.desks.iter() {
+            report(&desk.host).await;
+        }
         let (desks, http_port) = (Arc::clone(&self.desks), self.http_port.into());
         let list = move || {
             let seen = |desk: &&Desk| asker.sees(&names::device(&desk.host));
@@ -191,7 +189,7 @@ impl DeviceService for Devices {
         Ok(Response::new(convert::state_to_proto(host, &report(host).await)))
     }
 
-    type WatchStateStream = ReceiverStream<Result<DeviceState, Status>>;
+    type WatchStateStream = watches::Answers<DeviceState>;
 
     async fn watch_state(
         &self,
@@ -207,20 +205,17 @@ impl DeviceService for Devices {
         }
         let interval_ms = if interval_ms == 0 { DEFAULT_INTERVAL_MS } else { interval_ms };
         let watch = self.watch(asker, &name)?;
-        let (states, watched) = mpsc::channel(WAITING_STATES);
-        let told = states.clone();
-        let tell = async move {
+        let tell = move |teller: watches::Teller<_>| async move {
             let mut interval = interval(Duration::from_millis(interval_ms.into()));
             interval.set_missed_tick_behavior(MissedTickBehavior::Delay);
             loop {
                 interval.tick().await;
                 // A slow reader misses states; it never makes old ones pile up.
                 let state = convert::state_to_proto(&host, &report(&host).await);
-                let _ = told.try_send(Ok(state));
+                let _ = teller.try_send(Ok(state));
             }
         };
-        tokio::spawn(watches::until_over(tell, states, watch));
-        Ok(Response::new(ReceiverStream::new(watched)))
+        Ok(Response::new(watches::answers(WAITING_STATES, watch, tell)))
     }
 
     async fn get_settings(

@@ -109,6 +109,11 @@ impl Asker {
         self.gate.record(what, &self.caller, &self.from, device, detail);
     }
 
+    /// Name of its credential; `None` where none is needed.
+    pub fn credential(&self) -> Option<&str> {
+        self.gate.is_guarded().then(|| self.caller.name())
+    }
+
     /// Who it is, and where.
     pub fn who(&self) -> (Caller, String) {
         (self.caller.clone(), self.from.clone())
@@ -179,6 +184,7 @@ pub fn status(refused: &Refused) -> Status {
             Status::unauthenticated(text)
         }
         Refused::NotAllowed(_) => Status::permission_denied(text),
+        Refused::Share { .. } => Status::resource_exhausted(text),
     }
 }
 

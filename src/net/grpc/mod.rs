@@ -7,6 +7,7 @@ mod explain;
 mod guard;
 mod manipulability;
 mod names;
+mod places;
 mod recordings;
 mod scenes;
 mod sessions;

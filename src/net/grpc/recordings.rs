@@ -1,14 +1,18 @@
 //! RecordingService: recordings of the server's devices, made, fetched and deleted.
 
+use std::fs::File;
 use std::io::Read;
 use std::sync::Arc;
+use std::time::Duration;
 
-use tokio::sync::{Semaphore, mpsc, watch};
-use tokio_stream::wrappers::ReceiverStream;
+use tokio::sync::{Semaphore, watch};
+use tokio::time::timeout;
 use tonic::{Request, Response, Status};
 
 use super::desk::{Desk, Desks};
 use super::guard::Asker;
+use super::places::Places;
+use super::watches::{Answers, Teller, Watch, answers};
 use super::{field_status, host_status, names};
 use crate::archive::{Archive, ArchiveError, Info};
 use crate::audit::What;
@@ -24,6 +28,10 @@ use crate::proto::{
 const PIECE: usize = 64 * 1024;
 const PIECES: usize = 4;
 
+/// Downloads at a time, and how long one waits for a client that takes no piece.
+const DOWNLOADS: usize = 8;
+const PATIENCE: Duration = Duration::from_secs(30);
+
 /// Calls that work at a time.
 const AT_WORK: usize = 4;
 
@@ -32,13 +40,15 @@ pub struct Recordings {
     desks: Desks,
     archive: Arc<Archive>,
     at_work: Semaphore,
+    downloads: Places,
     stopped: watch::Receiver<bool>,
 }
 
 impl Recordings {
     /// Of these devices.
     pub fn new(desks: Desks, archive: Arc<Archive>, stopped: watch::Receiver<bool>) -> Self {
-        Self { desks, archive, at_work: Semaphore::new(AT_WORK), stopped }
+        let downloads = Places::new("downloads", DOWNLOADS);
+        Self { desks, archive, at_work: Semaphore::new(AT_WORK), downloads, stopped }
     }
 
     /// The device that a recording is of.
@@ -67,6 +77,32 @@ impl Recordings {
         let done = tokio::task::spawn_blocking(move || work(&archive)).await;
         let done = done.map_err(|error| Status::internal(error.to_string()))?;
         done.map_err(|error| status(&error))
+    }
+}
+
+/// Sends a file in pieces. Whoever reads slowly holds no thread: each is read when there is room.
+async fn pour(mut file: File, teller: Teller<RecordingChunk>) -> Result<(), Status> {
+    let internal = |error: &dyn std::error::Error| Status::internal(error.to_string());
+    loop {
+        let Ok(room) = timeout(PATIENCE, teller.reserve()).await else {
+            let waited = PATIENCE.as_secs();
+            let said = format!("no piece of the recording was taken for {waited} s");
+            return Err(Status::deadline_exceeded(said));
+        };
+        let Ok(room) = room else { return Ok(()) };
+        let read = tokio::task::spawn_blocking(move || {
+            let mut data = vec![0; PIECE];
+            let length = file.read(&mut data)?;
+            data.truncate(length);
+            Ok::<_, std::io::Error>((file, data))
+        });
+        let (same, data) =
+            read.await.map_err(|error| internal(&error))?.map_err(|e| internal(&e))?;
+        if data.is_empty() {
+            return Ok(());
+        }
+        room.send(Ok(RecordingChunk { data }));
+        file = same;
     }
 }
 
@@ -160,7 +196,7 @@ impl RecordingService for Recordings {
         Ok(Response::new(ListRecordingsResponse { recordings }))
     }
 
-    type DownloadRecordingStream = ReceiverStream<Result<RecordingChunk, Status>>;
+    type DownloadRecordingStream = Answers<RecordingChunk>;
 
     async fn download_recording(
         &self,
@@ -168,39 +204,17 @@ impl RecordingService for Recordings {
     ) -> Result<Response<Self::DownloadRecordingStream>, Status> {
         let asker = Asker::of(request.extensions())?;
         let id = id_of(&request.get_ref().name)?;
-        self.get(&asker, &id).await?;
-        let mut file = self.ask(move |archive| archive.open_file(&id)).await?;
-        let (pieces, stream) = mpsc::channel(PIECES);
-        let mut stopped = self.stopped.clone();
-        tokio::spawn(async move {
-            // Whoever reads slowly holds no thread: each piece is read when there is room.
-            while let Ok(place) = pieces.reserve().await {
-                let read = tokio::task::spawn_blocking(move || {
-                    let mut data = vec![0; PIECE];
-                    let read = file.read(&mut data).map(|length| {
-                        data.truncate(length);
-                        data
-                    });
-                    (file, read)
-                });
-                let piece = tokio::select! {
-                    piece = read => piece,
-                    _ = stopped.wait_for(|stopped| *stopped) => return,
-                };
-                match piece {
-                    Ok((_, Ok(data))) if data.is_empty() => return,
-                    Ok((same, Ok(data))) => {
-                        place.send(Ok(RecordingChunk { data }));
-                        file = same;
-                    }
-                    Ok((_, Err(error))) => {
-                        return place.send(Err(Status::internal(error.to_string())));
-                    }
-                    Err(error) => return place.send(Err(Status::internal(error.to_string()))),
-                }
-            }
-        });
-        Ok(Response::new(ReceiverStream::new(stream)))
+        let device = device_of(&self.get(&asker, &id).await?);
+        let place = self.downloads.take(&asker)?;
+        let file = self.ask(move |archive| archive.open_file(&id)).await?;
+        let watch = Watch {
+            _place: place,
+            stopped: self.stopped.clone(),
+            asker,
+            device,
+            unfinished: Some("the server ends, and this is not the whole recording"),
+        };
+        Ok(Response::new(answers(PIECES, watch, |teller| pour(file, teller))))
     }
 
     async fn delete_recording(

@@ -6,13 +6,13 @@
 use std::num::NonZeroU64;
 use std::sync::Arc;
 
-use tokio::sync::{Semaphore, mpsc, watch};
-use tokio_stream::wrappers::ReceiverStream;
+use tokio::sync::watch;
 use tonic::{Request, Response, Status};
 
 use super::desk::{Desk, Desks};
 use super::guard::Asker;
-use super::watches::{Watch, until_over};
+use super::places::Places;
+use super::watches::{self, Watch, answers};
 use super::{field_status, names, scene_status};
 use crate::audit::What;
 use crate::config::{self, Id, SceneError, object_from_proto, object_to_proto};
@@ -26,20 +26,17 @@ use crate::proto::{
 };
 use crate::units::FieldError;
 
-/// Watches at a time.
-const MAX_WATCHES: usize = 64;
-
 /// The service.
 pub struct Scenes {
     desks: Desks,
-    watches: Arc<Semaphore>,
+    watches: Places,
     stopped: watch::Receiver<bool>,
 }
 
 impl Scenes {
     /// Of these devices; watches end when `stopped` is true or its sender gone.
     pub fn new(desks: Desks, stopped: watch::Receiver<bool>) -> Self {
-        Self { desks, watches: Arc::new(Semaphore::new(MAX_WATCHES)), stopped }
+        Self { desks, watches: Places::new("watches of scenes", watches::MOST), stopped }
     }
 
     fn find(&self, asker: &Asker, field: &str, name: &str) -> Result<&Desk, Status> {
@@ -142,7 +139,7 @@ impl SceneService for Scenes {
         Ok(Response::new(scene_to_proto(&desk.host, &scene)))
     }
 
-    type WatchSceneStream = ReceiverStream<Result<Scene, Status>>;
+    type WatchSceneStream = watches::Answers<Scene>;
 
     async fn watch_scene(
         &self,
@@ -150,28 +147,22 @@ impl SceneService for Scenes {
     ) -> Result<Response<Self::WatchSceneStream>, Status> {
         let asker = Asker::of(request.extensions())?;
         let desk = self.find(&asker, "name", &request.get_ref().name)?;
-        let Ok(place) = Arc::clone(&self.watches).try_acquire_owned() else {
-            let full = format!("{MAX_WATCHES} watches are open already; end one of them");
-            return Err(Status::resource_exhausted(full));
-        };
-        let (scenes, watched) = mpsc::channel(1);
+        let place = self.watches.take(&asker)?;
         let (host, mut newest) = (Arc::clone(&desk.host), desk.newest_scene.subscribe());
         let (stopped, device) = (self.stopped.clone(), names::device(&host));
-        let told = scenes.clone();
-        let tell = async move {
+        let tell = move |teller: watches::Teller<_>| async move {
             loop {
                 // A slow reader is waited for here, and then told the newest.
-                let Ok(room) = told.reserve().await else { return };
+                let Ok(room) = teller.reserve().await else { return Ok(()) };
                 let scene = Arc::clone(&newest.borrow_and_update());
                 room.send(Ok(scene_to_proto(&host, &scene)));
                 if newest.changed().await.is_err() {
-                    return;
+                    return Ok(());
                 }
             }
         };
-        let watch = Watch { _place: place, stopped, asker, device };
-        tokio::spawn(until_over(tell, scenes, watch));
-        Ok(Response::new(ReceiverStream::new(watched)))
+        let watch = Watch { _place: place, stopped, asker, device, unfinished: None };
+        Ok(Response::new(answers(1, watch, tell)))
     }
 
     async fn list_objects(

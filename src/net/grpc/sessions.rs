@@ -203,7 +203,7 @@ fn session_to_proto(info: &SessionInfo, device: &str, lease_epoch: u64) -> Sessi
             Role::Controller => proto::Role::Controller.into(),
             Role::Hand => proto::Role::Hand.into(),
         },
-        transport: info.transport.name().to_owned(),
+        transport: if info.waiting { String::new() } else { info.transport.name().to_owned() },
         state: info.state.into(),
         quality: proto::Quality::from(info.quality).into(),
         loss_ratio: info.loss,

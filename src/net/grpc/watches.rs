@@ -1,18 +1,22 @@
-//! WatchEvents and WatchDevices: tasks that look again and again, and send what is new.
+//! Answers that go on, and of them WatchEvents and WatchDevices: tasks that look again and
+//! again, and send what is new.
 //!
 //! A reader that is slow holds up only its own task: what happens meanwhile waits in the
 //! bounded history of the device, and what falls out of that is told as missed. Lists of
 //! devices are whole, so a slow reader gets fewer of them and never an old one after a new.
 
+use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
 
-use tokio::sync::{OwnedSemaphorePermit, mpsc, watch};
+use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::sleep;
 use tokio_stream::wrappers::ReceiverStream;
+use tokio_stream::{Stream, StreamExt};
 use tonic::Status;
 
 use super::guard::Asker;
+use super::places::Place;
 use super::{convert, field_status, names};
 use crate::control::Event;
 use crate::host::DeviceHost;
@@ -27,6 +31,9 @@ const PERIOD: Duration = Duration::from_millis(10);
 /// Between two looks whether whoever watches still may.
 const LOOK: Duration = Duration::from_secs(1);
 
+/// Watches of a service at a time.
+pub const MOST: usize = 64;
+
 /// Messages that may wait for a slow reader; what is newer waits in the history.
 const WAITING: usize = 16;
 
@@ -35,23 +42,26 @@ const AT_ONCE: usize = 64;
 
 /// What a watch needs besides its subject: its place among the watches, and the end of all.
 pub struct Watch {
-    /// Given back when the watch ends.
-    pub _place: OwnedSemaphorePermit,
+    /// Given back when it ends.
+    pub _place: Place,
     /// True, or its sender gone: the server ends.
     pub stopped: watch::Receiver<bool>,
     /// Who watches.
     pub asker: Asker,
     /// What it watches; empty: all that is its business.
     pub device: String,
+    /// Said where the server ends first; `None`: what there was until then is all.
+    pub unfinished: Option<&'static str>,
 }
 
 impl Watch {
-    /// Waits for the end: without a word where the server ends, with one where the credential
-    /// does not count any more.
-    pub async fn over(&mut self) -> Option<Status> {
+    /// Waits for the end of the server, or of the time for which the credential counts.
+    async fn over(&mut self) -> Option<Status> {
         loop {
             tokio::select! {
-                _ = self.stopped.wait_for(|stopped| *stopped) => return None,
+                _ = self.stopped.wait_for(|stopped| *stopped) => {
+                    return self.unfinished.map(Status::unavailable);
+                }
                 () = sleep(LOOK) => {}
             }
             if let Err(status) = self.asker.still(&self.device) {
@@ -62,7 +72,35 @@ impl Watch {
 }
 
 /// A stream of answers.
-pub type Answers<T> = ReceiverStream<Result<T, Status>>;
+pub type Answers<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
+
+/// Where they come from.
+pub type Teller<T> = mpsc::Sender<Result<T, Status>>;
+
+/// Answers of what `tell` does, of which so many may wait: until there is nothing more to tell,
+/// nobody to tell it to, or the watch is over. The last word comes after whatever waits.
+pub fn answers<T: Send + 'static, F>(
+    waiting: usize,
+    mut watch: Watch,
+    tell: impl FnOnce(Teller<T>) -> F,
+) -> Answers<T>
+where
+    F: Future<Output = Result<(), Status>> + Send + 'static,
+{
+    let (teller, told) = mpsc::channel(waiting);
+    let (say_last, mut last) = oneshot::channel();
+    let tell = tell(teller.clone());
+    tokio::spawn(async move {
+        let last = tokio::select! {
+            told = tell => told.err(),
+            () = teller.closed() => None,
+            last = watch.over() => last,
+        };
+        last.map(|status| say_last.send(status));
+    });
+    let last = std::iter::once_with(move || last.try_recv().ok()).flatten().map(Err);
+    Box::pin(ReceiverStream::new(told).chain(tokio_stream::iter(last)))
+}
 
 /// The events of a device from where the request says.
 pub fn events(
@@ -77,41 +115,21 @@ pub fn events(
         return Err(field_status(&FieldError::new("after_id", seen, allowed)));
     }
     let (only_past, end) = (request.only_past, newest);
-    let (sender, answers) = mpsc::channel(WAITING);
-    let told = sender.clone();
-    let tell = async move {
+    Ok(answers(WAITING, watch, move |teller| async move {
         let mut reader = Reader { host, seen };
         loop {
             for event in reader.read() {
                 // Whoever does not read waits here, and nobody else does.
-                if told.send(Ok(event)).await.is_err() {
-                    return;
+                if teller.send(Ok(event)).await.is_err() {
+                    return Ok(());
                 }
             }
             if only_past && reader.seen >= end {
-                return;
+                return Ok(());
             }
             sleep(PERIOD).await;
         }
-    };
-    tokio::spawn(until_over(tell, sender, watch));
-    Ok(ReceiverStream::new(answers))
-}
-
-/// Goes on until there is nothing more to tell, nobody to tell it to, or the watch is over.
-pub async fn until_over<T>(
-    tell: impl Future<Output = ()>,
-    sender: mpsc::Sender<Result<T, Status>>,
-    mut watch: Watch,
-) {
-    tokio::select! {
-        () = tell => {}
-        () = sender.closed() => {}
-        last = watch.over() => {
-            // A reader that is slow sees an end without a word.
-            last.map(|status| sender.try_send(Err(status)));
-        }
-    }
+    }))
 }
 
 /// The list of devices, at once and whenever it changes.
@@ -119,20 +137,16 @@ pub fn devices(
     list: impl Fn() -> proto::ListDevicesResponse + Send + 'static,
     watch: Watch,
 ) -> Answers<proto::ListDevicesResponse> {
-    let (sender, answers) = mpsc::channel(1);
-    let told = sender.clone();
-    let tell = async move {
+    answers(1, watch, move |teller| async move {
         let mut last = None;
         loop {
             let answer = list();
-            if last.as_ref() != Some(&answer) && told.try_send(Ok(answer.clone())).is_ok() {
+            if last.as_ref() != Some(&answer) && teller.try_send(Ok(answer.clone())).is_ok() {
                 last = Some(answer);
             }
             sleep(PERIOD).await;
         }
-    };
-    tokio::spawn(until_over(tell, sender, watch));
-    ReceiverStream::new(answers)
+    })
 }
 
 /// Reads the history once through.
