@@ -86,5 +86,6 @@ async fn take_turns(target: &ConnectString) -> anyhow::Result<()> {
 /// One block, into both the block's figures and those of the whole run.
 async fn ping(way: &mut impl Way, mut out: [&mut Series; 2]) -> anyhow::Result<()> {
     let record = |time| out.iter_mut().for_each(|series| series.record(time));
-    block(way, BLOCK, PACE, record).await
+    block(way, BLOCK, PACE, record).await?;
+    Ok(())
 }

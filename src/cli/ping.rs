@@ -41,9 +41,10 @@ pub struct Ping {
     /// How long to measure each
     #[arg(long, value_name = "N", default_value = "3", value_parser = parse_seconds, allow_negative_numbers = true)]
     seconds: Duration,
-    /// Pings per second, 1 to 1000
-    #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..=1000))]
-    rate: u32,
+    /// Pings per second, 1 to 1000; 200 without it, and beside an echo as many as a scene has
+    /// answers: 1000. The fewer, the more both have gone cold in between
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    rate: Option<u32>,
     /// Beside a bare echo on this machine, in turns: what hapticd adds. QUIC and WebTransport
     /// beside bare QUIC, sealed UDP beside bare UDP
     #[arg(long)]
@@ -105,6 +106,11 @@ impl Ping {
         figures.insert(transport.name().into(), measured.json());
     }
 
+    fn pace(&self) -> Duration {
+        let usual = if self.baseline { 1000 } else { 200 };
+        Duration::from_secs(1) / self.rate.unwrap_or(usual)
+    }
+
     async fn connect(&self, transport: Transport) -> anyhow::Result<Client> {
         // Few States, so that the pings measure the way and not each other's company.
         let state_interval = Duration::from_millis(100);
@@ -121,45 +127,45 @@ impl Ping {
 
     async fn alone(&self, transport: Transport) -> anyhow::Result<Measured> {
         let mut client = self.connect(transport).await?;
-        let mut times = durations_ns();
-        let mut sent = 0u64;
-        let mut pace = tokio::time::interval(Duration::from_secs(1) / self.rate);
+        let mut served = Tally::new();
+        let mut pace = tokio::time::interval(self.pace());
         let mut over = Instant::now() + self.seconds;
         // When the last ping has been sent there is still its answer to wait for.
         let mut sending = true;
-        while sending || times.len() < sent {
+        while sending || served.answered < served.sent {
             tokio::select! {
                 biased;
                 incoming = client.next() => {
                     if let Incoming::RoundTrip(time) = incoming? {
-                        times.saturating_record(time.as_nanos() as u64);
+                        served.answered += 1;
+                        served.record(time);
                     }
                 }
                 _ = pace.tick(), if sending && Instant::now() < over => {
                     client.send_ping()?;
-                    sent += 1;
+                    served.sent += 1;
                 }
                 () = tokio::time::sleep_until(over.into()) => {
                     if !sending {
                         break;
                     }
                     sending = false;
-                    over += patience(&times);
+                    over += patience(&served.times);
                 }
             }
         }
         client.close().await;
-        ensure!(!times.is_empty(), "no ping was answered in {:?}", self.seconds);
-        Ok(Measured { sent, times, beside: None })
+        ensure!(served.answered > 0, "no ping was answered in {:?}", self.seconds);
+        Ok(Measured { served, beside: None })
     }
 
     /// Blocks of pings to the server and to the bare echo, in turns, so that whatever else the
     /// machine does meets both; the ratio is the median of those of the rounds.
     async fn beside(&self, transport: Transport, mut echo: impl Way) -> anyhow::Result<Measured> {
         let mut server = Served(self.connect(transport).await?);
-        let pace = Duration::from_secs(1) / self.rate;
+        let pace = self.pace();
         let over = Instant::now() + self.seconds;
-        let (mut served, mut bare) = (durations_ns(), durations_ns());
+        let (mut served, mut bare) = (Tally::new(), Tally::new());
         let mut ratios = Vec::new();
         while ratios.len() < LEAST_ROUNDS || Instant::now() < over {
             let [of_server, of_echo] = if ratios.len() % 2 == 0 {
@@ -173,15 +179,35 @@ impl Ping {
         }
         server.0.close().await;
         ratios.sort_by(f64::total_cmp);
-        let sent = (ratios.len() * BLOCK) as u64;
-        Ok(Measured { sent, times: served, beside: Some(Beside { ratios, bare }) })
+        Ok(Measured { served, beside: Some(Beside { ratios, bare }) })
+    }
+}
+
+/// Pings of one way, and the round trips of those that are no warming up.
+struct Tally {
+    sent: u64,
+    answered: u64,
+    times: Histogram<u64>,
+}
+
+impl Tally {
+    fn new() -> Self {
+        Self { sent: 0, answered: 0, times: durations_ns() }
+    }
+
+    fn record(&mut self, time: Duration) {
+        self.times.saturating_record(time.as_nanos() as u64);
+    }
+
+    /// Share of pings that were not answered.
+    fn loss(&self) -> f64 {
+        1.0 - self.answered as f64 / self.sent as f64
     }
 }
 
 /// The round trips over one transport.
 struct Measured {
-    sent: u64,
-    times: Histogram<u64>,
+    served: Tally,
     beside: Option<Beside>,
 }
 
@@ -189,7 +215,7 @@ struct Measured {
 struct Beside {
     /// Of the rounds, the smallest first; at least one.
     ratios: Vec<f64>,
-    bare: Histogram<u64>,
+    bare: Tally,
 }
 
 impl Beside {
@@ -200,48 +226,39 @@ impl Beside {
 
 impl Measured {
     fn json(&self) -> Value {
-        let Self { sent, times, beside } = self;
+        let Self { served: Tally { sent, answered, times }, beside } = self;
         let mut figures = json!({
+            "sent": sent,
+            "answered": answered,
             "rtt_min_us": times.min() as f64 * 1e-3,
             "rtt_p50_us": us(times, 0.5),
             "rtt_p99_us": us(times, 0.99),
             "rtt_max_us": times.max() as f64 * 1e-3,
-            "verdict": verdict(us(times, 0.5), us(times, 0.99), self.loss()).0,
+            "verdict": verdict(us(times, 0.5), us(times, 0.99), self.served.loss()).0,
         });
-        match beside {
-            None => (figures["sent"], figures["answered"]) = (json!(sent), json!(times.len())),
-            Some(Beside { ratios, bare }) => {
-                figures["rounds"] = json!(ratios.len());
-                figures["baseline_p50_us"] = json!(us(bare, 0.5));
-                figures["baseline_p99_us"] = json!(us(bare, 0.99));
-            }
+        if let Some(Beside { ratios, bare }) = beside {
+            figures["rounds"] = json!(ratios.len());
+            figures["baseline_p50_us"] = json!(us(&bare.times, 0.5));
+            figures["baseline_p99_us"] = json!(us(&bare.times, 0.99));
         }
         figures
     }
 
-    /// Share of pings that were not answered; of a comparison it is not known.
-    fn loss(&self) -> f64 {
-        match self.beside {
-            None => 1.0 - self.times.len() as f64 / self.sent as f64,
-            Some(_) => 0.0,
-        }
-    }
-
     fn tell(&self, transport: Transport) {
-        let times = &self.times;
+        let Tally { sent, answered, times } = &self.served;
         let (p50_us, p99_us) = (us(times, 0.5), us(times, 0.99));
+        let loss = self.served.loss();
         say!("{transport}");
+        say!("  {answered} of {sent} pings answered ({:.1} % lost)", 100.0 * loss);
         match &self.beside {
             None => {
-                let (answered, sent, lost) = (times.len(), self.sent, 100.0 * self.loss());
-                say!("  {answered} of {sent} pings answered ({lost:.1} % lost)");
                 let worst_us = us(times, 1.0);
                 say!(
                     "  round trip: p50 {p50_us:.0} us, p99 {p99_us:.0} us, worst {worst_us:.0} us"
                 );
             }
             Some(beside) => {
-                let bare = &beside.bare;
+                let bare = &beside.bare.times;
                 say!("  hapticd    p50 {p50_us:>5.0} us, p99 {p99_us:>5.0} us");
                 say!("  bare echo  p50 {:>5.0} us, p99 {:>5.0} us", us(bare, 0.5), us(bare, 0.99));
                 say!(
@@ -253,7 +270,7 @@ impl Measured {
                 );
             }
         }
-        let (word, meaning) = verdict(p50_us, p99_us, self.loss());
+        let (word, meaning) = verdict(p50_us, p99_us, loss);
         say!("  {word}: {meaning}");
     }
 }
@@ -263,17 +280,15 @@ fn us(times: &Histogram<u64>, quantile: f64) -> f64 {
 }
 
 /// Median of one block, which also goes to the figures of the whole run.
-async fn p50_us(
-    way: &mut impl Way,
-    pace: Duration,
-    all: &mut Histogram<u64>,
-) -> anyhow::Result<f64> {
+async fn p50_us(way: &mut impl Way, pace: Duration, all: &mut Tally) -> anyhow::Result<f64> {
     let mut here = durations_ns();
     let record = |time: Duration| {
         here.saturating_record(time.as_nanos() as u64);
-        all.saturating_record(time.as_nanos() as u64);
+        all.record(time);
     };
-    block(way, BLOCK, pace, record).await?;
+    let answered = block(way, BLOCK, pace, record).await?;
+    all.sent += BLOCK as u64;
+    all.answered += answered as u64;
     Ok(here.value_at_quantile(0.5) as f64 * 1e-3)
 }
 

@@ -1,7 +1,6 @@
 //! A session over sealed UDP: opened by a call, joined by a cookie.
 
 use std::collections::VecDeque;
-use std::io;
 use std::net::SocketAddr;
 use std::time::{Duration, Instant};
 
@@ -9,7 +8,7 @@ use tokio::net::UdpSocket;
 use tokio::time::{Interval, MissedTickBehavior};
 
 use super::carrier::Heard;
-use super::services::{services, told};
+use super::services::{services_at, told};
 use super::{ClientError, ConnectString};
 use crate::proto::{Hello, OpenSessionRequest, StreamMessage, Transport};
 use crate::sealed::{Direction, Kind, MAX_PACKET_BYTES, Messages, Opener, Sealer, ends};
@@ -50,7 +49,7 @@ pub(super) struct SealedStream {
 impl SealedStream {
     /// Opens a session by a call and knocks at the port that it names.
     pub async fn open(target: &ConnectString, hello: Hello) -> Result<Self, ClientError> {
-        let mut services = services(target).await.map_err(Box::new)?;
+        let (mut services, mut server) = services_at(target).await.map_err(Box::new)?;
         // The call has shown it.
         let hello = Hello { token: String::new(), ..hello };
         let transport = Transport::SealedUdp.into();
@@ -61,7 +60,8 @@ impl SealedStream {
         let port = u16::try_from(sealed.port).map_err(|_| ClientError::NoWelcome)?;
         let association = sealed.association.try_into().map_err(|_| ClientError::NoWelcome)?;
         let secret = sealed.secret.try_into().map_err(|_| ClientError::NoWelcome)?;
-        let server = resolve(&target.host, target.udp_port.unwrap_or(port)).await?;
+        // Of all addresses that a name may have, it is the one that has answered.
+        server.set_port(target.udp_port.unwrap_or(port));
         let any: SocketAddr =
             if server.is_ipv4() { ([0, 0, 0, 0], 0).into() } else { ([0_u16; 8], 0).into() };
         let socket = UdpSocket::bind(any).await.map_err(ClientError::Socket)?;
@@ -196,12 +196,4 @@ fn post(socket: &UdpSocket, packet: Option<Vec<u8>>) {
     if let Some(packet) = packet {
         let _ = socket.try_send(&packet);
     }
-}
-
-async fn resolve(host: &str, port: u16) -> Result<SocketAddr, ClientError> {
-    let resolved = tokio::net::lookup_host((host, port)).await;
-    let missing = || io::Error::new(io::ErrorKind::NotFound, "it has no address");
-    resolved
-        .and_then(|mut addresses| addresses.next().ok_or_else(missing))
-        .map_err(|source| ClientError::Resolve { host: host.to_owned(), source })
 }

@@ -4,7 +4,8 @@
 //! server that is silent or gone is an error and never a wait without end. What is streamed
 //! after a first answer may take as long as it likes.
 
-use std::sync::Arc;
+use std::net::SocketAddr;
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use http::Uri;
@@ -74,6 +75,9 @@ pub enum ServicesError {
     /// The certificates cannot be set up.
     #[error("cannot set up TLS: {0}")]
     Tls(#[from] rustls::Error),
+    /// It went as it came.
+    #[error("cannot connect to {authority}: it is gone again")]
+    Gone { authority: String },
     /// No connection.
     #[error("cannot connect to {authority}: {source}")]
     Connect { authority: String, source: tonic::transport::Error },
@@ -112,40 +116,53 @@ impl std::fmt::Debug for Bearer {
 /// Connects to the services of a server: over TLS, by the hash of its certificate, where it is
 /// elsewhere or wants a credential; in plaintext on this machine.
 pub async fn services(target: &ConnectString) -> Result<Services, ServicesError> {
+    services_at(target).await.map(|(services, _)| services)
+}
+
+/// The same, with the address that answered.
+pub(super) async fn services_at(
+    target: &ConnectString,
+) -> Result<(Services, SocketAddr), ServicesError> {
     if target.sha256.is_none() && !target.is_loopback() {
         return Err(ServicesError::HashNeeded { host: target.host.clone() });
     }
     let bearer = Bearer::new(target.token.as_deref())?;
-    let channel = channel(target).await?;
+    let (channel, address) = channel(target).await?;
     let authorized = || InterceptedService::new(channel.clone(), bearer.clone());
-    Ok(Services {
+    let services = Services {
         devices: DeviceServiceClient::new(authorized()),
         scenes: SceneServiceClient::new(authorized()),
         sessions: SessionServiceClient::new(authorized()),
         recordings: RecordingServiceClient::new(authorized()),
-    })
+    };
+    Ok((services, address))
 }
 
-async fn channel(target: &ConnectString) -> Result<Channel, ServicesError> {
+async fn channel(target: &ConnectString) -> Result<(Channel, SocketAddr), ServicesError> {
     let authority = target.grpc_authority();
-    let endpoint = |scheme| {
-        let endpoint = Endpoint::from_shared(format!("{scheme}://{authority}"))?;
-        Ok(endpoint
-            .connect_timeout(CONNECT)
-            .timeout(ANSWER)
-            .http2_keep_alive_interval(KEEP_ALIVE)
-            .keep_alive_timeout(KEEP_ALIVE)
-            .keep_alive_while_idle(true))
-    };
     let failed = |source| connect_error(authority.clone(), source);
-    if target.is_loopback() && target.token.is_none() {
-        return endpoint("http").map_err(failed)?.connect().await.map_err(failed);
-    }
-    let tls = tls(target)?;
-    let (host, port) = (target.host.clone(), target.grpc_port);
     // The scheme that tonic leaves to its connector: with `https` it would want to do TLS itself.
-    let connector = tower::service_fn(move |_: Uri| secure(host.clone(), port, tls.clone()));
-    endpoint("http").map_err(failed)?.connect_with_connector(connector).await.map_err(failed)
+    let endpoint = Endpoint::from_shared(format!("http://{authority}")).map_err(failed)?;
+    let endpoint = endpoint
+        .connect_timeout(CONNECT)
+        .timeout(ANSWER)
+        .http2_keep_alive_interval(KEEP_ALIVE)
+        .keep_alive_timeout(KEEP_ALIVE)
+        .keep_alive_while_idle(true);
+    let reached = Arc::new(OnceLock::new());
+    let at = (target.host.clone(), target.grpc_port);
+    let reaching = reached.clone();
+    let connected = if target.is_loopback() && target.token.is_none() {
+        let plain = move |_: Uri| plain(at.clone(), reaching.clone());
+        endpoint.connect_with_connector(tower::service_fn(plain)).await
+    } else {
+        let tls = tls(target)?;
+        let secure = move |_: Uri| secure(at.clone(), reaching.clone(), tls.clone());
+        endpoint.connect_with_connector(tower::service_fn(secure)).await
+    };
+    let channel = connected.map_err(failed)?;
+    let address = reached.get().copied().ok_or(ServicesError::Gone { authority })?;
+    Ok((channel, address))
 }
 
 fn tls(target: &ConnectString) -> Result<TlsConnector, rustls::Error> {
@@ -160,13 +177,27 @@ fn tls(target: &ConnectString) -> Result<TlsConnector, rustls::Error> {
     Ok(TlsConnector::from(Arc::new(config)))
 }
 
-async fn secure(
-    host: String,
-    port: u16,
-    tls: TlsConnector,
-) -> std::io::Result<TokioIo<TlsStream<TcpStream>>> {
+/// The address that answered first.
+type Reached = Arc<OnceLock<SocketAddr>>;
+
+async fn plain(at: (String, u16), reached: Reached) -> std::io::Result<TokioIo<TcpStream>> {
+    reach(at, reached).await.map(TokioIo::new)
+}
+
+async fn reach((host, port): (String, u16), reached: Reached) -> std::io::Result<TcpStream> {
     let stream = TcpStream::connect((host, port)).await?;
     stream.set_nodelay(true)?;
+    // Another one by now would be told by the connection after this.
+    let _ = reached.set(stream.peer_addr()?);
+    Ok(stream)
+}
+
+async fn secure(
+    at: (String, u16),
+    reached: Reached,
+    tls: TlsConnector,
+) -> std::io::Result<TokioIo<TlsStream<TcpStream>>> {
+    let stream = reach(at, reached).await?;
     let name = ServerName::try_from(PINNED_NAME).map_err(std::io::Error::other)?;
     Ok(TokioIo::new(tls.connect(name, stream).await?))
 }
