@@ -42,6 +42,15 @@ fn named<const N: usize>(seeds: [(&str, Vec<u8>); N]) -> Seeds {
 
 fn seeds_of(target: &str) -> Seeds {
     match target {
+        "access" => [
+            ("address", "127.0.0.1:7353"),
+            ("ipv6", "[::1]:7354\nhttps://[::1]:7354"),
+            ("name", "lab.example:7354\nhttps://page.example"),
+            ("localhost", "LOCALHOST\nhttp://page.localhost:8080"),
+            ("stranger", "evil.example\nhttps://evil.example"),
+        ]
+        .map(|(name, text)| (name.to_owned(), text.as_bytes().to_vec()))
+        .into(),
         "connect_string" => connect_strings(),
         "datagram" => datagrams(),
         "device_file" => BUILT_IN

@@ -6,6 +6,7 @@
 #![allow(non_snake_case)]
 // names carry frames and units, as in hapticd
 
+pub mod accesses;
 pub mod connect_strings;
 pub mod datagrams;
 pub mod frames;
@@ -35,7 +36,8 @@ mod sealed;
 pub type Target = (&'static str, fn(&[u8]));
 
 /// All of them.
-pub const TARGETS: [Target; 13] = [
+pub const TARGETS: [Target; 14] = [
+    ("access", accesses::check),
     ("connect_string", connect_strings::check),
     ("datagram", datagrams::check),
     ("device_file", texts::check_device_file),

@@ -105,15 +105,9 @@ impl Services {
             let (routes, stopped) = (routes.clone(), self.shutdown.subscribe());
             let http = http.clone();
             self.serving.push(runtime.spawn(async move {
-                let served = match as_what {
+                match as_what {
                     As::Grpc => net::serve_grpc(door, routes, stopped).await,
-                    As::Http(reach) => {
-                        let served = net::serve_http(door, reach, http, routes, stopped).await;
-                        served.map_err(anyhow::Error::from)
-                    }
-                };
-                if let Err(error) = served {
-                    tracing::error!(%error, ?as_what, "a service stopped");
+                    As::Http(reach) => net::serve_http(door, reach, http, routes, stopped).await,
                 }
             }));
         }

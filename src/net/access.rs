@@ -57,13 +57,13 @@ impl Access {
 
 /// The host of `HOST`, `HOST:PORT` or `[ADDRESS]:PORT`.
 fn without_port(authority: &str) -> &str {
-    if let Some(rest) = authority.strip_prefix('[') {
-        return rest.split(']').next().unwrap_or_default();
+    let is_port = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
+    if let Some((host, rest)) = authority.strip_prefix('[').and_then(|rest| rest.split_once(']')) {
+        let whole = rest.is_empty() || rest.strip_prefix(':').is_some_and(is_port);
+        return if whole { host } else { authority };
     }
     match authority.rsplit_once(':') {
-        Some((host, port)) if !host.contains(':') && port.bytes().all(|b| b.is_ascii_digit()) => {
-            host
-        }
+        Some((host, port)) if !host.contains(':') && is_port(port) => host,
         _ => authority,
     }
 }
@@ -108,6 +108,8 @@ mod tests {
             "lab.example.evil",
             "127.0.0.1.evil.example:7353",
             "[evil]:1",
+            "[::1]evil.example",
+            "[::1]:7353x",
             "lab.example:7354x",
         ] {
             let refused = access.check(host, None);

@@ -66,7 +66,11 @@ impl BrowserIdentity {
     /// A new slot brings a new certificate. Where it cannot be kept the old ones stay. Waits for
     /// the disk, so that handshakes need not.
     pub fn renew(&self) {
-        let (now_s, mut held) = (now_s(), self.held());
+        self.renew_at(now_s());
+    }
+
+    fn renew_at(&self, now_s: i64) {
+        let mut held = self.held();
         let slot = slot_of(now_s);
         if held.slot == slot || now_s < held.next_s {
             return;
@@ -163,8 +167,50 @@ fn generate(slot: i64) -> Result<String, rcgen::Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rustls::pki_types::CertificateDer;
+    use rustls::RootCertStore;
+    use rustls::client::WebPkiServerVerifier;
+    use rustls::client::danger::ServerCertVerifier;
     use rustls::pki_types::pem::PemObject;
+    use rustls::pki_types::{CertificateDer, ServerName, UnixTime};
+
+    const DAY_S: i64 = 86_400;
+
+    /// Whether a client's clock that says so finds a certificate valid.
+    fn is_valid(certificate: &CertificateDer<'static>, at_s: i64) -> bool {
+        let mut roots = RootCertStore::empty();
+        roots.add(certificate.clone()).unwrap();
+        let verifier = WebPkiServerVerifier::builder_with_provider(roots.into(), quic::provider());
+        let name = ServerName::try_from("localhost").unwrap();
+        let at = UnixTime::since_unix_epoch(std::time::Duration::from_secs(at_s as u64));
+        let verified =
+            verifier.build().unwrap().verify_server_cert(certificate, &[], &name, &[], at);
+        verified.is_ok()
+    }
+
+    /// As browsers see them: at any time the one that is shown counts, and so does the next one
+    /// for whoever was told it, on a clock that is wrong by a day, too.
+    #[test]
+    fn the_one_that_is_shown_is_valid_for_a_wrong_clock_too_and_none_lives_two_weeks() {
+        let dir = tempfile::tempdir().unwrap();
+        let identity = BrowserIdentity::load_or_create(dir.path()).unwrap();
+        let begin_s = slot_of(now_s()) * SLOT_S;
+        for slot in 0..3 {
+            let told = identity.hashes();
+            let [shown, next] = identity.held().keys.map(|key| key.cert[0].clone());
+            let (first_s, last_s) = (begin_s + slot * SLOT_S, begin_s + (slot + 1) * SLOT_S - 1);
+            for clock_s in [first_s - DAY_S + 1, first_s, last_s, last_s + DAY_S] {
+                assert!(is_valid(&shown, clock_s), "{slot}: {}", clock_s - first_s);
+            }
+            assert!(is_valid(&next, last_s + 1) && !is_valid(&next, first_s - DAY_S));
+            let lives_s = (-15 * DAY_S..15 * DAY_S).step_by(3600);
+            let lives = lives_s.filter(|s| is_valid(&shown, first_s + s)).count();
+            assert!((13 * 24 - 1..=13 * 24 + 1).contains(&lives), "{lives} hours");
+            identity.renew_at(last_s);
+            assert_eq!(identity.hashes(), told, "not before its time");
+            identity.renew_at(last_s + 1);
+            assert_eq!(identity.hashes()[0], told[1], "what was promised");
+        }
+    }
 
     #[test]
     fn two_certificates_overlap_and_are_kept() {

@@ -175,6 +175,8 @@ fn open(
             detail: full.to_string(),
         })?;
     }
+    // Whoever may call comes before any who have not said Hello yet.
+    hub.sessions.make_room(|_| Some(0), now_ns);
     let opened = hub.sessions.open(hello, ticket, now_ns);
     match (&opened, guest, offer) {
         (Err(_), _, Some(offer)) => hub.sealed.forget(offer.association),

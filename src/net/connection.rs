@@ -36,6 +36,7 @@ pub(super) async fn attend(hub: Shared, connection: Connection, access: Rc<Acces
     let Some((session, transport)) = begin(connection, &access).await else { return };
     let connected = {
         let mut hub = hub.borrow_mut();
+        hub.make_room(session.remote_address().ip());
         let connected = hub.sessions.connect(transport, now_ns());
         // Somebody else may have to go.
         hub.act();

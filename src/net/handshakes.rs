@@ -14,7 +14,7 @@ use std::net::IpAddr;
 
 use tokio::sync::oneshot;
 
-use super::neighbours::{gives_way, neighbourhood};
+use super::neighbours::{Holder, gives_way, neighbourhood};
 
 /// Most under way at a time.
 const MOST: usize = 64;
@@ -23,7 +23,7 @@ const MOST: usize = 64;
 const BURST: f64 = 64.0;
 const PER_S: f64 = 64.0;
 
-/// Of those in a row, so many are for who did not come lately.
+/// Of those in a row, so many are for neighbourhoods that did not come lately.
 const RESERVED: f64 = BURST / 2.0;
 const LATELY_NS: u64 = 1_000_000_000;
 
@@ -83,14 +83,16 @@ impl Handshakes {
         if !proven {
             return Verdict::Retry;
         }
-        let from = neighbourhood(from);
-        let came = self.lately.get(&from).is_some_and(|ns| now_ns.saturating_sub(*ns) < LATELY_NS);
+        let network = neighbourhood(from);
+        let came =
+            self.lately.get(&network).is_some_and(|ns| now_ns.saturating_sub(*ns) < LATELY_NS);
         if self.room < 1.0 + if came { RESERVED } else { 0.0 } {
             return Verdict::Ignore;
         }
         if self.under_way.len() >= MOST {
-            let holders = self.under_way.iter().map(|one| one.from);
-            let Some(place) = gives_way(holders, from) else { return Verdict::Ignore };
+            let holder = |one: &UnderWay| Holder { from: one.from, silent: false };
+            let holders: Vec<_> = self.under_way.iter().map(holder).collect();
+            let Some(place) = gives_way(&holders, from) else { return Verdict::Ignore };
             self.under_way.remove(place);
         }
         Verdict::Accept(self.admit(from, now_ns))
@@ -100,7 +102,7 @@ impl Handshakes {
         self.room -= 1.0;
         // No more than were let in within a second: the rate bounds this, too.
         self.lately.retain(|_, ns| now_ns.saturating_sub(*ns) < LATELY_NS);
-        self.lately.insert(from, now_ns);
+        self.lately.insert(neighbourhood(from), now_ns);
         self.admitted += 1;
         let (place, gives_way) = oneshot::channel();
         self.under_way.push(UnderWay { number: self.admitted, from, _place: place });

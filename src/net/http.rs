@@ -16,7 +16,7 @@ use serde_json::json;
 use tokio::sync::watch;
 use tonic_web::GrpcWebLayer;
 
-use super::door::Peer;
+use super::visit::{Speaks, receive};
 use super::{Access, BrowserIdentity, Door};
 use crate::host::{DeviceHost, Hosts};
 use crate::quic::WEBTRANSPORT_PATH;
@@ -72,8 +72,8 @@ pub async fn serve(
     reach: Reach,
     parts: HttpParts,
     services: Router,
-    mut stopped: watch::Receiver<bool>,
-) -> std::io::Result<()> {
+    stopped: watch::Receiver<bool>,
+) {
     let HttpParts { scrape, hosts, browser, stream_port, access } = parts;
     let metrics = move || {
         let scrape = scrape.clone();
@@ -101,11 +101,7 @@ pub async fn serve(
     let router = router.layer(from_fn(move |request: Request, next: Next| {
         guard(Arc::clone(&access), request, next)
     }));
-    let shutdown = async move {
-        let _ = stopped.wait_for(|stopped| *stopped).await;
-    };
-    let router = router.into_make_service_with_connect_info::<Peer>();
-    axum::serve(door, router).with_graceful_shutdown(shutdown).await
+    receive(door, Speaks::Either, router, stopped).await;
 }
 
 /// Strangers' pages get nothing, and allowed ones may read what they get.

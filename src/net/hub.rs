@@ -5,7 +5,7 @@
 
 use std::cell::RefCell;
 use std::collections::HashMap;
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::os::fd::OwnedFd;
 use std::rc::Rc;
 use std::sync::Arc;
@@ -16,6 +16,7 @@ use web_transport_quinn::Session;
 use super::Gate;
 use super::gate::{Caller, Refused};
 use super::guests::{Guest, Guests};
+use super::neighbours::{Holder, gives_way};
 use super::sealed_udp::SealedUdp;
 use crate::clock::now_ns;
 use crate::control::{Report, Setpoint};
@@ -115,6 +116,21 @@ impl Hub {
         let sessions = Switchboard::new(configs);
         let guests = Guests::new(Arc::clone(&gate), most);
         (Self { sessions, peers: HashMap::new(), sealed, guests, gate, bridges }, doorbells)
+    }
+
+    /// A stranger wants a place: where there is none, one who has not said Hello gives way.
+    pub fn make_room(&mut self, newcomer: IpAddr) {
+        let holder = |id: &SessionId| match self.peers.get(id) {
+            Some(Carrier::Stream { session, .. }) => Some(session.remote_address().ip()),
+            // They say Hello before they come.
+            Some(Carrier::Sealed { .. }) | None => None,
+        };
+        let choose = |newcomers: &[SessionId]| {
+            let from = newcomers.iter().map(|id| holder(id).unwrap_or(newcomer));
+            let holders: Vec<_> = from.map(|from| Holder { from, silent: true }).collect();
+            gives_way(&holders, newcomer)
+        };
+        self.sessions.make_room(choose, now_ns());
     }
 
     /// A message came on a reliable stream. Returns by which number its client is known from

@@ -22,6 +22,7 @@ mod line;
 mod neighbours;
 mod sealed_udp;
 mod stream;
+mod visit;
 
 pub use access::{Access, AccessRefusal};
 pub use browser::{BrowserIdentity, PublishedHashes};

@@ -183,9 +183,8 @@ impl Sessions {
     }
 
     /// Since when somebody has been connected without a Hello, and who; the one who came first.
-    fn oldest_newcomer(&self) -> Option<(u64, SessionId)> {
-        let newcomers = self.peers.iter().filter(|(_, peer)| peer.open.is_none());
-        newcomers.map(|(id, peer)| (peer.connected_ns(), *id)).min()
+    fn newcomers(&self) -> impl Iterator<Item = SessionId> {
+        self.peers.iter().filter(|(_, peer)| peer.open.is_none()).map(|(id, _)| *id)
     }
 
     /// Whether this is the resource name of the device.

@@ -116,11 +116,6 @@ impl Peer {
         Self { transport, connected_ns: now_ns, heard_ns: now_ns, open: None, waiting: None }
     }
 
-    /// When it came.
-    pub fn connected_ns(&self) -> u64 {
-        self.connected_ns
-    }
-
     /// A session that is opened by a call.
     pub fn waiting(ticket: Ticket, now_ns: u64) -> Self {
         let heard_ns = now_ns + (WAITING_NS - SILENCE_NS);

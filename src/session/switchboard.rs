@@ -60,21 +60,23 @@ impl Switchboard {
         transport: Transport,
         now_ns: u64,
     ) -> Result<SessionId, TooManySessions> {
-        if self.check_room().is_err() {
-            self.make_room(now_ns);
-        }
         self.check_room()?;
         let id = self.devices[0].connect(transport, now_ns)?;
         self.places.insert(id, 0);
         Ok(id)
     }
 
-    /// Strangers who say nothing keep nobody out: the one who has been silent longest goes.
-    fn make_room(&mut self, now_ns: u64) {
-        let newcomers = self.devices.iter().filter_map(Sessions::oldest_newcomer);
-        if let Some((_, id)) = newcomers.min() {
+    /// Where there is no place left: strangers who say nothing keep nobody out. `choose` says who
+    /// of those who have not said Hello goes, the oldest first.
+    pub fn make_room(&mut self, choose: impl FnOnce(&[SessionId]) -> Option<usize>, now_ns: u64) {
+        if self.check_room().is_ok() {
+            return;
+        }
+        let mut newcomers: Vec<_> = self.devices.iter().flat_map(Sessions::newcomers).collect();
+        newcomers.sort_unstable();
+        if let Some(id) = choose(&newcomers).and_then(|place| newcomers.get(place)) {
             let said = "another client came before you said Hello, and there was no other place";
-            self.send_away(id, ByeReason::TooManySessions, said, now_ns);
+            self.send_away(*id, ByeReason::TooManySessions, said, now_ns);
         }
     }
 
@@ -157,9 +159,6 @@ impl Switchboard {
         ticket: Ticket,
         now_ns: u64,
     ) -> Result<Welcome, CallRefusal> {
-        if self.check_room().is_err() {
-            self.make_room(now_ns);
-        }
         self.check_room()?;
         let place = self.devices.iter().position(|device| device.is_called(&hello.device));
         // Where none is, the first device says which there are.

@@ -3,26 +3,43 @@
 use std::time::Duration;
 
 use hapticd::audit;
-use hapticd::client::{ClientError, Services};
+use hapticd::client::{Client, ClientError, Services};
 use hapticd::proto::{
     ByeReason, DownloadRecordingRequest, Hello, OpenSessionRequest, RecordingChunk, Role,
     StartRecordingRequest, StopRecordingRequest, WatchStateRequest,
 };
+use tokio::sync::oneshot;
+use tokio::task::JoinHandle;
 use tonic::{Code, Streaming};
 
 use super::credentials::{ANNA, BEN, Guarded};
-use super::support::{DEVICE, next_state};
+use super::support::{DEVICE, Rig, next_state};
 
 /// More than what can be on its way to a client that reads nothing: 2 MB in a window of HTTP/2, and
 /// what the server holds ready for it.
 const LONG_BYTES: u64 = 4 << 20;
 
+/// Keeps a session alive beside the test until it is told to say Bye.
+fn keep(rig: &Rig, mut client: Client) -> (oneshot::Sender<()>, JoinHandle<()>) {
+    let (leave, mut told) = oneshot::channel();
+    let living = rig.spawn(async move {
+        loop {
+            tokio::select! {
+                incoming = client.next() => drop(incoming.unwrap()),
+                _ = &mut told => return client.close().await,
+            }
+        }
+    });
+    (leave, living)
+}
+
 #[test]
 fn one_credential_has_half_of_the_sessions() {
     let guarded = Guarded::with(|config| config.session.max_sessions = 4);
     guarded.rig.run(async {
-        let first = guarded.client(BEN, Role::Observer).await.unwrap();
-        let mut second = guarded.client(BEN, Role::Observer).await.unwrap();
+        let (first, _) = keep(&guarded.rig, guarded.client(BEN, Role::Observer).await.unwrap());
+        let (_stay, second) =
+            keep(&guarded.rig, guarded.client(BEN, Role::Observer).await.unwrap());
         let said = "credential ben has 2 of 4 sessions";
         match guarded.client(BEN, Role::Observer).await.unwrap_err() {
             ClientError::Bye { reason: ByeReason::TooManySessions, detail } => {
@@ -42,11 +59,14 @@ fn one_credential_has_half_of_the_sessions() {
         assert!(by_call.message().contains(said), "{by_call}");
         let mut anna = guarded.client(ANNA, Role::Controller).await.unwrap();
         next_state(&mut anna).await;
-        first.close().await;
+        first.send(()).unwrap();
         // What a call has opened counts, too, before its stream comes.
-        guarded.services(BEN).await.sessions.open_session(open).await.unwrap();
+        let mut bens = guarded.services(BEN).await.sessions;
+        while bens.open_session(open.clone()).await.is_err() {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
         assert!(guarded.client(BEN, Role::Observer).await.is_err());
-        next_state(&mut second).await;
+        assert!(!second.is_finished(), "it stays");
     });
     assert_eq!(guarded.audited(audit::What::Refused, 3)[0].who, "ben");
 }

@@ -113,6 +113,9 @@ impl World {
 
     fn connect(&mut self, script: &mut Script<'_>) {
         let transport = script.one_of(&[Transport::Quic, Transport::WebTransport]);
+        let turn = usize::from(script.u8());
+        let any = |newcomers: &[SessionId]| turn.checked_rem(newcomers.len());
+        self.switchboard.make_room(any, self.now_ns);
         match self.switchboard.connect(transport, self.now_ns) {
             Ok(id) => self.welcome(id),
             Err(full) => assert_eq!(full.most, MAX_SESSIONS),

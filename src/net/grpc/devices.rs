@@ -68,10 +68,15 @@ impl Devices {
     }
 
     /// A place among the watches.
-    fn watch(&self, asker: Asker, device: &str) -> Result<watches::Watch, Status> {
+    fn watch(
+        &self,
+        asker: Asker,
+        device: &str,
+        unfinished: Option<&'static str>,
+    ) -> Result<watches::Watch, Status> {
         let place = self.watches.take(&asker)?;
         let (stopped, device) = (self.stopped.clone(), device.to_owned());
-        Ok(watches::Watch { _place: place, stopped, asker, device, unfinished: None })
+        Ok(watches::Watch { place, stopped, asker, device, unfinished })
     }
 
     async fn change(
@@ -143,7 +148,7 @@ impl DeviceService for Devices {
         let asker = Asker::of(request.extensions())?;
         // What it holds for as long as it lists: one that is bound to a device, for that.
         let device = asker.own_device();
-        let watch = self.watch(asker.clone(), &device)?;
+        let watch = self.watch(asker.clone(), &device, None)?;
         // The first list is of what is, not of what was before the first tick.
         for desk in self.desks.iter() {
             report(&desk.host).await;
@@ -167,7 +172,8 @@ impl DeviceService for Devices {
         let asker = Asker::of(request.extensions())?;
         let request = request.into_inner();
         let host = Arc::clone(&self.find(&asker, &request.name)?.host);
-        let watch = self.watch(asker, &request.name)?;
+        let unfinished = request.only_past.then_some("the server ends, and more had happened");
+        let watch = self.watch(asker, &request.name, unfinished)?;
         Ok(Response::new(watches::events(host, &request, watch)?))
     }
 
@@ -204,7 +210,7 @@ impl DeviceService for Devices {
             return Err(field_status(&FieldError::new("interval_ms", interval_ms, allowed)));
         }
         let interval_ms = if interval_ms == 0 { DEFAULT_INTERVAL_MS } else { interval_ms };
-        let watch = self.watch(asker, &name)?;
+        let watch = self.watch(asker, &name, None)?;
         let tell = move |teller: watches::Teller<_>| async move {
             let mut interval = interval(Duration::from_millis(interval_ms.into()));
             interval.set_missed_tick_behavior(MissedTickBehavior::Delay);

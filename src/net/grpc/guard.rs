@@ -6,7 +6,7 @@
 use std::net::SocketAddr;
 use std::sync::Arc;
 
-use axum::extract::{ConnectInfo, Request};
+use axum::extract::Request;
 use axum::http::header::{AUTHORIZATION, HOST, ORIGIN};
 use axum::middleware::Next;
 use axum::response::Response;
@@ -15,8 +15,8 @@ use tonic::{Extensions, Status};
 use crate::audit::What;
 use crate::credentials::{Denied, Grant};
 use crate::net::Access;
-use crate::net::door::Peer;
 use crate::net::gate::{Caller, Gate, Refused};
+use crate::net::visit::Peer;
 
 /// Begins the paths of the services.
 const PACKAGE: &str = "/hapticd.v1.";
@@ -171,9 +171,7 @@ fn bearer(value: &str) -> &str {
 }
 
 fn from(request: &Request) -> Option<SocketAddr> {
-    let extensions = request.extensions();
-    let http = || extensions.get::<ConnectInfo<Peer>>().map(|ConnectInfo(peer)| peer.0);
-    extensions.get::<Peer>().map(|peer| peer.0).or_else(http)
+    request.extensions().get::<Peer>().map(|peer| peer.0)
 }
 
 /// What a client is told.

@@ -15,7 +15,6 @@ mod settings;
 mod watches;
 
 use std::sync::Arc;
-use std::time::Duration;
 
 use axum::Router;
 use axum::extract::Request;
@@ -23,8 +22,8 @@ use axum::middleware::{Next, from_fn};
 use tokio::sync::watch;
 use tonic::Status;
 use tonic::service::Routes;
-use tonic::transport::Server;
 
+use super::visit::{Speaks, receive};
 use super::{Access, Door, Gate, SessionDesk};
 use crate::archive::Archive;
 use crate::config::SceneError;
@@ -41,12 +40,8 @@ use recordings::Recordings;
 use scenes::Scenes;
 use sessions::SessionCallsService;
 
-/// Pings to a client that says nothing, and the time for their answer: whoever is gone
-/// without a word gives its place back.
-const KEEP_ALIVE: Duration = Duration::from_secs(10);
-
-/// Calls of one connection that may wait at a time.
-const CALLS: u32 = 2048;
+/// Longest question about health or reflection, which anybody may ask: the answer repeats it.
+const QUESTION_BYTES: usize = 4 * 1024;
 
 /// What the services need.
 #[derive(Clone, Debug)]
@@ -94,29 +89,15 @@ pub async fn routes(parts: GrpcParts, stopped: watch::Receiver<bool>) -> anyhow:
         .add_service(scenes)
         .add_service(sessions)
         .add_service(recordings)
-        .add_service(health)
-        .add_service(reflection().build_v1()?)
-        .add_service(reflection().build_v1alpha()?);
+        .add_service(health.max_decoding_message_size(QUESTION_BYTES))
+        .add_service(reflection().build_v1()?.max_decoding_message_size(QUESTION_BYTES))
+        .add_service(reflection().build_v1alpha()?.max_decoding_message_size(QUESTION_BYTES));
     Ok(routes.into_axum_router().layer(guard))
 }
 
 /// Serves until `stopped` is true or its sender gone, and the calls under way are answered.
-pub async fn serve(
-    door: Door,
-    routes: Router,
-    mut stopped: watch::Receiver<bool>,
-) -> anyhow::Result<()> {
-    let shutdown = async move {
-        let _ = stopped.wait_for(|stopped| *stopped).await;
-    };
-    Server::builder()
-        .http2_keepalive_interval(Some(KEEP_ALIVE))
-        .http2_keepalive_timeout(Some(KEEP_ALIVE))
-        .max_concurrent_streams(CALLS)
-        .add_routes(Routes::from(routes))
-        .serve_with_incoming_shutdown(door.visitors(), shutdown)
-        .await?;
-    Ok(())
+pub async fn serve(door: Door, routes: Router, stopped: watch::Receiver<bool>) {
+    receive(door, Speaks::Http2, routes, stopped).await;
 }
 
 fn host_status(error: &HostError) -> Status {

@@ -208,7 +208,7 @@ impl RecordingService for Recordings {
         let place = self.downloads.take(&asker)?;
         let file = self.ask(move |archive| archive.open_file(&id)).await?;
         let watch = Watch {
-            _place: place,
+            place,
             stopped: self.stopped.clone(),
             asker,
             device,

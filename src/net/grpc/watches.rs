@@ -42,8 +42,8 @@ const AT_ONCE: usize = 64;
 
 /// What a watch needs besides its subject: its place among the watches, and the end of all.
 pub struct Watch {
-    /// Given back when it ends.
-    pub _place: Place,
+    /// Given back when its last byte has left.
+    pub place: Place,
     /// True, or its sender gone: the server ends.
     pub stopped: watch::Receiver<bool>,
     /// Who watches.
@@ -54,7 +54,15 @@ pub struct Watch {
     pub unfinished: Option<&'static str>,
 }
 
-impl Watch {
+/// For how long a watch may go on.
+struct Term {
+    stopped: watch::Receiver<bool>,
+    asker: Asker,
+    device: String,
+    unfinished: Option<&'static str>,
+}
+
+impl Term {
     /// Waits for the end of the server, or of the time for which the credential counts.
     async fn over(&mut self) -> Option<Status> {
         loop {
@@ -81,12 +89,14 @@ pub type Teller<T> = mpsc::Sender<Result<T, Status>>;
 /// nobody to tell it to, or the watch is over. The last word comes after whatever waits.
 pub fn answers<T: Send + 'static, F>(
     waiting: usize,
-    mut watch: Watch,
+    watch: Watch,
     tell: impl FnOnce(Teller<T>) -> F,
 ) -> Answers<T>
 where
     F: Future<Output = Result<(), Status>> + Send + 'static,
 {
+    let Watch { place, stopped, asker, device, unfinished } = watch;
+    let mut term = Term { stopped, asker, device, unfinished };
     let (teller, told) = mpsc::channel(waiting);
     let (say_last, mut last) = oneshot::channel();
     let tell = tell(teller.clone());
@@ -94,11 +104,16 @@ where
         let last = tokio::select! {
             told = tell => told.err(),
             () = teller.closed() => None,
-            last = watch.over() => last,
+            last = term.over() => last,
         };
-        last.map(|status| say_last.send(status));
+        let _ = say_last.send(last);
     });
-    let last = std::iter::once_with(move || last.try_recv().ok()).flatten().map(Err);
+    let last = std::iter::once_with(move || {
+        // What has been told may still wait for a slow reader: until then the place is taken.
+        let _place = &place;
+        last.try_recv().unwrap_or_else(|_| Some(Status::internal("whoever told it is gone")))
+    });
+    let last = last.flatten().map(Err);
     Box::pin(ReceiverStream::new(told).chain(tokio_stream::iter(last)))
 }
 

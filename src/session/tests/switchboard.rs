@@ -110,6 +110,11 @@ fn silence_and_the_end_of_the_server_reach_every_device() {
 fn who_says_nothing_makes_room_for_a_newcomer_and_who_was_welcomed_does_not() {
     let mut board = board();
     let silent: Vec<_> = (0..3).map(|i| board.connect(Transport::Quic, i).unwrap()).collect();
+    let first = |newcomers: &[SessionId]| {
+        assert_eq!(newcomers, silent, "the oldest first");
+        Some(0)
+    };
+    board.make_room(first, 3);
     let newcomer = board.connect(Transport::Quic, 3).unwrap();
     let outputs = drain(&mut board).concat();
     let (reason, detail) = bye(&outputs, silent[0]).expect("the first");
@@ -120,6 +125,7 @@ fn who_says_nothing_makes_room_for_a_newcomer_and_who_was_welcomed_does_not() {
         let hello = Hello { device: "devices/left".into(), ..hello("client", Role::Observer) };
         board.on_message(id, say(Body::Hello(hello)), 4);
     }
+    board.make_room(|_| Some(0), 5);
     assert_eq!(board.connect(Transport::Quic, 5), Err(TooManySessions { most: 3 }));
     assert_eq!(board.list(5).count(), 3);
 }
