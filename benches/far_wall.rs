@@ -21,24 +21,35 @@ const DELAYS_MS: [u32; 4] = [0, 50, 100, 200];
 const LOSSES: [(u32, u32); 6] = [(0, 1), (10, 1), (30, 1), (30, 10), (50, 1), (50, 10)];
 
 fn main() -> anyhow::Result<()> {
-    let seconds = if quick() { 2 } else { 8 };
     println!(
         "one-way delay, loss, in a row   wall stood/%   deepest/mm   taken/J   given back at most/J"
     );
     for delay_ms in DELAYS_MS {
         for (loss_percent, burst) in LOSSES {
+            let seconds = seconds(delay_ms, loss_percent, burst);
             let figures = demo(seconds, delay_ms, loss_percent, burst)?;
-            let figure = |name: &str| figures[name].as_f64().context(format!("no {name}"));
+            let figure = |name: &str| figures[name].as_f64().context("the wall never stood");
+            let stood = figure("commanded_ratio")?;
             println!(
                 "{delay_ms:>6} ms {loss_percent:>6} % {burst:>6} {:>17.2} {:>12.3} {:>9.2} {:>22.3}",
-                100.0 * figure("commanded_ratio")?,
+                100.0 * stood,
                 figure("penetration_max_mm")?,
                 figure("energy_taken_j")?,
                 figure("energy_given_max_j")?,
             );
+            ensure!(stood > 0.95, "the wall did not stand");
         }
     }
     Ok(())
+}
+
+/// Where half is lost by chance, or a third on a long way, the beginning alone takes seconds.
+fn seconds(delay_ms: u32, loss_percent: u32, burst: u32) -> u32 {
+    match (delay_ms, loss_percent, burst) {
+        _ if quick() => 2,
+        (100.., 50, 1) | (200, 30, 1) => 30,
+        _ => 8,
+    }
 }
 
 fn demo(seconds: u32, delay_ms: u32, loss_percent: u32, burst: u32) -> anyhow::Result<Value> {

@@ -12,6 +12,7 @@ mod server;
 
 use std::time::{Duration, Instant};
 
+use anyhow::ensure;
 use hapticd::app::netsim::{Netsim, NetsimConfig};
 use hapticd::client::{Client, ConnectString, Incoming, Options};
 use hapticd::clock::now_ns;
@@ -47,6 +48,7 @@ fn main() -> anyhow::Result<()> {
     println!(
         "round trip, loss, in a row    delivered/%  of not lost/%   p50/ms   p99/ms  p99 - path/ms"
     );
+    let mut all_kept = true;
     for (rtt_ms, loss_percent, burst) in PATHS {
         let server = Server::start("")?;
         let impairment = Impairment {
@@ -67,7 +69,9 @@ fn main() -> anyhow::Result<()> {
             p99_ms - path_ms,
             if kept { "" } else { "  not kept" },
         );
+        all_kept &= kept;
     }
+    ensure!(all_kept, "less than 96 % delivered, or more than {BOUND_MS} ms beside the path");
     Ok(())
 }
 
@@ -86,8 +90,8 @@ async fn block(server: &ConnectString, bad: Impairment, time: Duration) -> anyho
         stream_port: proxy.address.port(),
         ..server.clone()
     };
-    let mut client =
-        Client::connect(&through, Options::new("network bench", Role::Controller)).await?;
+    let options = Options { every_state: true, ..Options::new("network bench", Role::Controller) };
+    let mut client = Client::connect(&through, options).await?;
     let wall = client.welcome().example_wall.as_deref().cloned().unwrap_or_else(wall);
     let begin = Instant::now() + WARM_UP;
     let end = begin + time;

@@ -19,7 +19,8 @@ use crate::wire::{MAX_COMMAND_BYTES, MAX_FRAME_BYTES, PROTOCOL, max_detailed_byt
 /// number of its session before each.
 const BOOKKEEPING_BYTES: usize = 32 + 8;
 
-/// Datagrams that may wait: the newest State or Command, and a Ping or Pong beside it.
+/// Datagrams that may wait, of the largest: the newest State or Command, and a Ping or Pong beside
+/// it. quinn counts bytes, so that of small ones a few more may.
 const WAITING: usize = 2;
 
 /// First guess of the round trip; the default of 333 ms would slow the first retries.
@@ -36,7 +37,7 @@ const KEEP_ALIVE: Duration = Duration::from_millis(200);
 /// Longest round trip at which a datagram every millisecond still fits into the window.
 const LONGEST_RTT: Duration = Duration::from_millis(250);
 
-/// Commands a second of a client; one that sends more often waits its turn.
+/// Commands a second of a client, of which so many are on their way at the longest round trip.
 const COMMANDS_PER_S: f64 = 1_000.0;
 
 /// What QUIC, UDP and IP add to a datagram, about.
@@ -148,14 +149,34 @@ pub fn fingerprint(certificate_der: &[u8]) -> [u8; 32] {
     bytes
 }
 
-/// Transport settings of an end that sends datagrams of up to `sends_bytes`, so many a second,
-/// and takes those of up to `takes_bytes`.
-fn transport(sends_bytes: usize, per_s: f64, takes_bytes: usize) -> Arc<TransportConfig> {
+/// Of the server's end of a connection at so many States a second.
+fn server_window(states_per_s: f64) -> FixedWindow {
+    FixedWindow::of(max_detailed_bytes(MAX_ACTUATORS), states_per_s)
+}
+
+/// Of a client's end.
+fn client_window() -> FixedWindow {
+    FixedWindow::of(MAX_COMMAND_BYTES, COMMANDS_PER_S)
+}
+
+/// What the server may have on its way to one client.
+pub fn server_window_bytes(states_per_s: f64) -> u64 {
+    server_window(states_per_s).bytes
+}
+
+/// What a client may have on its way.
+pub fn client_window_bytes() -> u64 {
+    client_window().bytes
+}
+
+/// Transport settings of an end that sends datagrams of up to `sends_bytes`, and takes those of up
+/// to `takes_bytes`.
+fn transport(sends_bytes: usize, window: FixedWindow, takes_bytes: usize) -> Arc<TransportConfig> {
     let mut config = TransportConfig::default();
     let idle = IdleTimeout::from(VarInt::from_u32(IDLE.as_millis() as u32));
     config
         .initial_rtt(INITIAL_RTT)
-        .congestion_controller_factory(Arc::new(FixedWindow::of(sends_bytes, per_s)))
+        .congestion_controller_factory(Arc::new(window))
         .max_idle_timeout(Some(idle))
         .keep_alive_interval(Some(KEEP_ALIVE))
         .datagram_send_buffer_size(WAITING * (sends_bytes + BOOKKEEPING_BYTES))
@@ -171,12 +192,12 @@ fn transport(sends_bytes: usize, per_s: f64, takes_bytes: usize) -> Arc<Transpor
 
 /// The server's end; so many States a second at most go to one client.
 pub fn server_transport(states_per_s: f64) -> Arc<TransportConfig> {
-    transport(max_detailed_bytes(MAX_ACTUATORS), states_per_s, MAX_COMMAND_BYTES)
+    transport(max_detailed_bytes(MAX_ACTUATORS), server_window(states_per_s), MAX_COMMAND_BYTES)
 }
 
 /// A client's end. It has room for datagrams as large as a Command, more than a State needs.
 pub fn client_transport() -> Arc<TransportConfig> {
-    transport(MAX_COMMAND_BYTES, COMMANDS_PER_S, MAX_COMMAND_BYTES)
+    transport(MAX_COMMAND_BYTES, client_window(), MAX_COMMAND_BYTES)
 }
 
 #[cfg(test)]
@@ -185,12 +206,12 @@ mod tests {
 
     #[test]
     fn the_window_holds_what_is_on_its_way_and_no_loss_makes_it_smaller() {
-        let window = Arc::new(FixedWindow::of(260, 1_000.0));
-        // 320 bytes a millisecond for a quarter of a second.
-        assert_eq!(window.bytes, 80_000);
+        let window = Arc::new(server_window(1_000.0));
+        // 455 bytes a millisecond, the largest State, for a quarter of a second.
+        assert_eq!(window.bytes, 113_750);
         let now = Instant::now();
         let mut controller = window.build(now, 1_200);
         controller.on_congestion_event(now, now, true, 60_000);
-        assert_eq!((controller.window(), controller.initial_window()), (80_000, 80_000));
+        assert_eq!((controller.window(), controller.initial_window()), (113_750, 113_750));
     }
 }

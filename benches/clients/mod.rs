@@ -109,8 +109,11 @@ async fn live(
     mut stop: watch::Receiver<bool>,
     tried: mpsc::Sender<()>,
 ) -> anyhow::Result<()> {
-    let options =
-        Options { state_interval: session.state_interval, ..Options::new("bench", session.role) };
+    let options = Options {
+        state_interval: session.state_interval,
+        every_state: true,
+        ..Options::new("bench", session.role)
+    };
     let mut client = timeout(PATIENCE, Client::connect(target, options)).await??;
     drop(tried);
     loop {

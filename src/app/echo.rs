@@ -201,10 +201,7 @@ pub struct QuicEcho {
 impl QuicEcho {
     /// Starts the other end and connects to it.
     pub async fn start() -> anyhow::Result<Self> {
-        let made = rcgen::generate_simple_self_signed(["echo".to_owned()])?;
-        let certificate = made.cert.der().clone();
-        let key = PrivateKeyDer::try_from(made.signing_key.serialize_der())
-            .map_err(anyhow::Error::msg)?;
+        let (certificate, key) = certificate()?;
         let config = server_config(certificate.clone(), key)?;
         let far = bound()?;
         let address: SocketAddr = far.local_addr()?;
@@ -249,6 +246,12 @@ fn endpoint(
     Endpoint::new(EndpointConfig::default(), config, socket, Arc::new(TokioRuntime))
 }
 
+fn certificate() -> anyhow::Result<(CertificateDer<'static>, PrivateKeyDer<'static>)> {
+    let made = rcgen::generate_simple_self_signed(["echo".to_owned()])?;
+    let key = PrivateKeyDer::try_from(made.signing_key.serialize_der());
+    Ok((made.cert.der().clone(), key.map_err(anyhow::Error::msg)?))
+}
+
 fn server_config(
     certificate: CertificateDer<'static>,
     key: PrivateKeyDer<'static>,
@@ -276,4 +279,28 @@ fn client_config(certificate: CertificateDer<'static>) -> anyhow::Result<quinn::
     let mut config = quinn::ClientConfig::new(Arc::new(tls));
     config.transport_config(quic::client_transport());
     Ok(config)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Both ends of a stream have the window of touch, and not quinn's usual one.
+    #[test]
+    fn the_windows_of_a_connection_are_fixed() {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        runtime.block_on(async {
+            let (certificate, key) = certificate().unwrap();
+            let config = server_config(certificate.clone(), key).unwrap();
+            let far = endpoint(bound().unwrap(), Some(config)).unwrap();
+            let near = endpoint(bound().unwrap(), None).unwrap();
+            let address = far.local_addr().unwrap();
+            let config = client_config(certificate).unwrap();
+            let connecting = near.connect_with(config, address, "echo").unwrap();
+            let accepting = async { far.accept().await.unwrap().await.unwrap() };
+            let (here, there) = tokio::join!(connecting, accepting);
+            assert_eq!(there.stats().path.cwnd, quic::server_window_bytes(1_000.0));
+            assert_eq!(here.unwrap().stats().path.cwnd, quic::client_window_bytes());
+        });
+    }
 }

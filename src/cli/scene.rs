@@ -129,7 +129,8 @@ impl Wall {
             }
         };
         tokio::pin!(over);
-        let (mut commands, mut newest, mut figures) = (0u64, 0, Figures::new());
+        let (mut commands, mut came, mut newest) = (0u64, 0, 0);
+        let mut figures = Figures::new();
         let mut overdue = tokio::time::interval(AT_LEAST);
         overdue.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
@@ -139,6 +140,7 @@ impl Wall {
                     Ok(Incoming::State(state)) => {
                         newest = state.seq.max(newest);
                         figures.saw(&state, client.now_ns());
+                        came = client.states_received();
                         true
                     }
                     Ok(Incoming::Event(_) | Incoming::RoundTrip(_)) => false,
@@ -168,6 +170,7 @@ impl Wall {
                 Err(error) => return Err(error.into()),
             }
         }
+        figures.came(came);
         eprintln!("scene wall: {}", figures.in_words(commands));
         if self.json {
             say!("{}", figures.to_json(commands));

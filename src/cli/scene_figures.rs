@@ -11,7 +11,9 @@ const LONGEST_US: u64 = 60_000_000;
 /// Of all States that came, in constant memory.
 #[derive(Debug)]
 pub struct Figures {
+    /// Seen; those that a newer one had overtaken when they could be seen came and were not.
     states: u64,
+    came: u64,
     /// Numbers of the first State and of the newest.
     numbers: Option<(u64, u64)>,
     /// From a Command to the State that echoes it, less the time that the server held it.
@@ -31,6 +33,7 @@ impl Figures {
         let histogram = Histogram::new_with_bounds(1, LONGEST_US, 3);
         Self {
             states: 0,
+            came: 0,
             numbers: None,
             round_trips_us: histogram.expect("the bounds are constants"),
             touching: 0,
@@ -41,6 +44,11 @@ impl Figures {
             commanded: 0,
             echoed_ns: 0,
         }
+    }
+
+    /// How many came, seen or not.
+    pub fn came(&mut self, came: u64) {
+        self.came = came;
     }
 
     /// A State that came when the client's own clock was at `now_ns`.
@@ -77,9 +85,9 @@ impl Figures {
             |quantile| (!trips.is_empty()).then(|| trips.value_at_quantile(quantile) as f64 * 1e-3);
         let ticks = self.numbers.map_or(0, |(first, newest)| newest - first + 1);
         json!({
-            "states": self.states,
+            "states": self.came.max(self.states),
             "ticks": ticks,
-            "states_ratio": share(self.states, ticks),
+            "states_ratio": share(self.came.max(self.states), ticks),
             "commands": commands,
             "command_round_trips": trips.len(),
             "rtt_p50_ms": at_ms(0.5),

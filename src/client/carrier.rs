@@ -69,6 +69,15 @@ impl Carrier {
         }
     }
 
+    /// What has come already.
+    pub async fn hear_now(&mut self) -> Option<Result<Heard, ClientError>> {
+        tokio::select! {
+            biased;
+            heard = self.hear() => Some(heard),
+            () = std::future::ready(()) => None,
+        }
+    }
+
     /// Sends a datagram, or loses it: it never waits.
     pub fn send(&mut self, bytes: Vec<u8>) -> Result<(), ClientError> {
         match self {

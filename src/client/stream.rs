@@ -1,6 +1,6 @@
 //! The real-time stream from a client's side: State in, Commands out.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::time::{Duration, Instant};
 
 use tokio::time::{Interval, MissedTickBehavior};
@@ -23,6 +23,9 @@ const STIR: Duration = Duration::from_millis(20);
 
 /// How often a connection is tried that is lost before the server's answer.
 const ATTEMPTS: u32 = 4;
+
+/// Things that a State may find waiting behind it; the rest is for the next call.
+const AT_ONCE: usize = 64;
 
 /// Pings that may wait for their answer; one that is overtaken by so many is lost.
 const WAITING_PINGS: usize = 4096;
@@ -54,6 +57,9 @@ pub struct Options {
     pub ticket: Vec<u8>,
     /// Share of the rendered force that may change before State is sent again; 0: every State.
     pub deadband: f32,
+    /// Every State that comes is told, in the order in which it came. Without it only the newest of
+    /// those that have come: what acts on an old one acts late.
+    pub every_state: bool,
 }
 
 impl Options {
@@ -72,6 +78,7 @@ impl Options {
             workspace: None,
             ticket: Vec::new(),
             deadband: 0.0,
+            every_state: false,
         }
     }
 
@@ -116,6 +123,11 @@ pub struct Client {
     started: Instant,
     command_seq: u64,
     states_received: u64,
+    /// The newest State that was told.
+    state_seq: u64,
+    every_state: bool,
+    /// What came behind a State and is told next.
+    waiting: VecDeque<Result<Incoming, ClientError>>,
     ping_seq: u64,
     /// Numbers of the pings that are not answered, with when they were sent.
     unanswered: BTreeMap<u64, Instant>,
@@ -150,6 +162,9 @@ impl Client {
             started: Instant::now(),
             command_seq: 0,
             states_received: 0,
+            state_seq: 0,
+            every_state: options.every_state,
+            waiting: VecDeque::new(),
             ping_seq: 0,
             unanswered: BTreeMap::new(),
             event_id: 0,
@@ -187,27 +202,70 @@ impl Client {
     /// The next thing from the server. Answers and sends pings on the way, so it wants to be
     /// called all the time. Cancel safe.
     pub async fn next(&mut self) -> Result<Incoming, ClientError> {
+        if let Some(waiting) = self.waiting.pop_front() {
+            return waiting;
+        }
         loop {
-            tokio::select! {
+            let incoming = tokio::select! {
                 biased;
-                heard = self.carrier.hear() => match heard? {
-                    Heard::Datagram(datagram) => {
-                        match self.on_datagram(&datagram) {
-                            Ok(Some(incoming)) => return Ok(incoming),
-                            answered => unless_lost(answered.map(|_| ()))?,
-                        }
+                heard = self.carrier.hear() => self.take(heard?)?,
+                () = due(&mut self.ping) => {
+                    unless_lost(self.send_ping())?;
+                    None
+                }
+            };
+            match incoming {
+                Some(Incoming::State(state)) if !self.every_state => {
+                    if let Some(newest) = self.newest(state).await {
+                        return Ok(Incoming::State(newest));
                     }
-                    Heard::Message(Message::Event(event)) => {
-                        unless_lost(self.saw(event.id))?;
-                        return Ok(Incoming::Event(event));
-                    }
-                    Heard::Message(Message::Bye(bye)) => return Err(said(&bye)),
-                    // A server that repeats itself does no harm.
-                    Heard::Message(Message::Hello(_) | Message::Welcome(_)) => {}
-                },
-                () = due(&mut self.ping) => unless_lost(self.send_ping())?,
+                }
+                Some(incoming) => return Ok(incoming),
+                None => {}
             }
         }
+    }
+
+    /// This State or a newer one that has come, too; `None` where it was overtaken on the way. It
+    /// waits for nothing.
+    async fn newest(&mut self, mut state: Box<State>) -> Option<Box<State>> {
+        for _ in 0..AT_ONCE {
+            let Some(heard) = self.carrier.hear_now().await else { break };
+            match heard.and_then(|heard| self.take(heard)) {
+                Ok(Some(Incoming::State(other))) if other.seq > state.seq => state = other,
+                Ok(Some(Incoming::State(_)) | None) => {}
+                Ok(Some(incoming)) => self.waiting.push_back(Ok(incoming)),
+                Err(error) => {
+                    self.waiting.push_back(Err(error));
+                    break;
+                }
+            }
+        }
+        let newer = state.seq > self.state_seq;
+        self.state_seq = self.state_seq.max(state.seq);
+        newer.then_some(state)
+    }
+
+    /// What has to be told of what was heard.
+    fn take(&mut self, heard: Heard) -> Result<Option<Incoming>, ClientError> {
+        match heard {
+            Heard::Datagram(datagram) => match self.on_datagram(&datagram) {
+                Ok(Some(incoming)) => Ok(Some(incoming)),
+                answered => unless_lost(answered.map(|_| ())).map(|()| None),
+            },
+            Heard::Message(Message::Event(event)) => {
+                unless_lost(self.saw(event.id))?;
+                Ok(Some(Incoming::Event(event)))
+            }
+            Heard::Message(Message::Bye(bye)) => Err(said(&bye)),
+            // A server that repeats itself does no harm.
+            Heard::Message(Message::Hello(_) | Message::Welcome(_)) => Ok(None),
+        }
+    }
+
+    /// States that came until now, told or not.
+    pub fn states_received(&self) -> u64 {
+        self.states_received
     }
 
     /// Sends local models computed from State `state_seq`; they hold for `ttl_ms` (0: the

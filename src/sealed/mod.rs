@@ -253,6 +253,17 @@ mod tests {
         assert_eq!(client_hears.open(&mut turned), Err(Unsealed::Forged));
     }
 
+    /// Else the same number of both would use the same key stream twice, which gives both away.
+    #[test]
+    fn each_direction_has_a_key_of_its_own() {
+        let ((mut client, _), (mut server, _)) = both();
+        let sealed = |sealer: &mut Sealer| sealer.seal(Kind::Datagram, &[0; 32]).unwrap();
+        let (up, down) = (sealed(&mut client), sealed(&mut server));
+        assert_eq!(up[1..HEADER_BYTES], down[1..HEADER_BYTES], "the same association and number");
+        let same = up.iter().zip(&down).skip(HEADER_BYTES).filter(|(a, b)| a == b).count();
+        assert!(same < 8, "{same} of {} bytes are the same", up.len() - HEADER_BYTES);
+    }
+
     #[test]
     fn another_secret_or_association_opens_nothing() {
         let mut sealer = both().0.0;

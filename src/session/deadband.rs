@@ -8,7 +8,7 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::control::{ContactResult, Mode, RenderedSource, Report};
+use crate::control::{ContactResult, Mode, RenderedSource, Report, Wrench};
 use crate::environment::MAX_TOUCHES;
 use crate::units::{FieldError, Range};
 
@@ -21,6 +21,9 @@ const SHARE: Range = Range::new(0.01, 0.5, "(share)");
 /// What is weaker counts as this much: the noise of a sensor (0.05 N rms each way in the
 /// simulated one) is no news at a share of a tenth.
 pub(super) const LEAST_FORCE_N: f64 = 2.5;
+
+/// The same of a moment: that force at a lever of a tenth of a metre.
+const LEAST_MOMENT_NM: f64 = 0.1 * LEAST_FORCE_N;
 
 /// Half a millimetre and half a degree.
 const POSE_M: f64 = 0.5e-3;
@@ -57,7 +60,7 @@ struct Sent {
     q: UnitQuaternion<f64>,
     v_m_per_s: Vector3<f64>,
     omega_rad_per_s: Vector3<f64>,
-    force_N: Vector3<f64>,
+    wrench: Wrench,
     marks: Marks,
 }
 
@@ -105,9 +108,14 @@ impl Marks {
 }
 
 /// What is felt, or else what is given.
-fn force_N(report: &Report) -> Vector3<f64> {
+fn wrench(report: &Report) -> Wrench {
     let unknown = report.rendered_source == RenderedSource::Unknown;
-    if unknown { report.achievable.force_N } else { report.rendered.force_N }
+    if unknown { report.achievable } else { report.rendered }
+}
+
+/// Whether it is within this share of what was sent.
+fn is_near(now: &Vector3<f64>, sent: &Vector3<f64>, share: f64, least: f64) -> bool {
+    (now - sent).norm() <= share * sent.norm().max(least)
 }
 
 impl Sent {
@@ -118,7 +126,7 @@ impl Sent {
             q: report.q_WT,
             v_m_per_s: report.v_WT_m_per_s,
             omega_rad_per_s: report.omega_WT_rad_per_s,
-            force_N: force_N(report),
+            wrench: wrench(report),
             marks,
         }
     }
@@ -133,11 +141,75 @@ impl Sent {
         let away_m = (report.p_WT_m - self.p_m - self.v_m_per_s * since_s).norm();
         let turned = UnitQuaternion::from_scaled_axis(self.omega_rad_per_s * since_s) * self.q;
         let away_rad = turned.angle_to(&report.q_WT);
-        let changed_N = (force_N(report) - self.force_N).norm();
-        let most_N = share * self.force_N.norm().max(LEAST_FORCE_N);
-        let within =
-            changed_N <= wider * most_N && away_m <= wider * POSE_M && away_rad <= wider * POSE_RAD;
+        let (now, sent, share) = (wrench(report), &self.wrench, wider * share);
+        let within = is_near(&now.force_N, &sent.force_N, share, LEAST_FORCE_N)
+            && is_near(&now.moment_Nm, &sent.moment_Nm, share, LEAST_MOMENT_NM)
+            && away_m <= wider * POSE_M
+            && away_rad <= wider * POSE_RAD;
         // What is not a number is not within.
         !within
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn report() -> Report {
+        Report {
+            time_ns: 1_000_000,
+            rendered_source: RenderedSource::Measured,
+            ..Report::default()
+        }
+    }
+
+    /// Whether this is news for who was sent the report as it was.
+    fn is_news(wider: f64, before: &Report, now: &Report) -> bool {
+        let mut deadband = Deadband::agree(0.1).unwrap().unwrap();
+        let marks = Marks::of(before, SessionState::Commanding, Quality::Good, 0);
+        assert!(deadband.due(before, marks, wider), "the first");
+        assert!(!deadband.due(before, marks, wider), "the same again");
+        deadband.due(now, marks, wider)
+    }
+
+    #[test]
+    fn each_bound_is_kept_and_as_many_times_as_wide_on_a_path_that_is_slowed() {
+        let mut before = report();
+        before.rendered.force_N.x = 30.0;
+        before.rendered.moment_Nm.z = 2.0;
+        type Change = fn(&mut Report, f64);
+        let changes: [(&str, Change); 4] = [
+            ("force, a tenth of 30 N", |report, part| report.rendered.force_N.y += 3.0 * part),
+            ("moment, a tenth of 2 N m", |report, part| report.rendered.moment_Nm.x += 0.2 * part),
+            ("half a millimetre", |report, part| report.p_WT_m.x += 0.5e-3 * part),
+            ("half a degree", |report, part| report.q_WT = turned(0.5 * part)),
+        ];
+        for (what, change) in changes {
+            for wider in [1.0, 2.0, 4.0] {
+                let at = |part: f64| {
+                    let mut now = before;
+                    change(&mut now, wider * part);
+                    is_news(wider, &before, &now)
+                };
+                assert!(at(1.01) && !at(0.99), "{what}, {wider} times as wide");
+            }
+        }
+    }
+
+    fn turned(degrees: f64) -> UnitQuaternion<f64> {
+        UnitQuaternion::from_axis_angle(&Vector3::z_axis(), degrees.to_radians())
+    }
+
+    #[test]
+    fn what_is_weak_counts_as_the_noise_of_a_sensor() {
+        let before = report();
+        let with = |force_N: f64, moment_Nm: f64| {
+            let mut now = before;
+            now.rendered.force_N.x = force_N;
+            now.rendered.moment_Nm.z = moment_Nm;
+            is_news(1.0, &before, &now)
+        };
+        assert!(!with(0.24, 0.024) && with(0.26, 0.0) && with(0.0, 0.026));
+        assert!(with(f64::NAN, 0.0), "what is not a number is told");
     }
 }

@@ -392,19 +392,22 @@ fn a_webtransport_session_says_whom_it_means() {
     let rig = Rig::start();
     rig.run(async {
         let port = rig.target().stream_port;
-        for (url, status) in [
-            (format!("https://evil.example:{port}{}", quic::WEBTRANSPORT_PATH), "403"),
-            (format!("https://127.0.0.1:{port}/elsewhere"), "404"),
-        ] {
-            let said = web_transport(&rig, &url).await.unwrap_err();
-            assert!(said.contains(status), "{url}: {said}");
-        }
         let good = format!("https://127.0.0.1:{port}{}", quic::WEBTRANSPORT_PATH);
-        web_transport(&rig, &good).await.unwrap();
+        for (url, page, status) in [
+            (format!("https://evil.example:{port}{}", quic::WEBTRANSPORT_PATH), None, "403"),
+            (format!("https://127.0.0.1:{port}/elsewhere"), None, "404"),
+            (good.clone(), Some("https://evil.example"), "403"),
+            (good.clone(), Some("null"), "403"),
+        ] {
+            let said = web_transport(&rig, &url, page).await.unwrap_err();
+            assert!(said.contains(status), "{url} of {page:?}: {said}");
+        }
+        web_transport(&rig, &good, None).await.unwrap();
+        web_transport(&rig, &good, Some(&format!("https://127.0.0.1:{port}"))).await.unwrap();
     });
 }
 
-async fn web_transport(rig: &Rig, url: &str) -> Result<(), String> {
+async fn web_transport(rig: &Rig, url: &str, page: Option<&str>) -> Result<(), String> {
     let mut roots = rustls::RootCertStore::empty();
     for file in std::fs::read_dir(rig.state_dir()).unwrap().flatten() {
         if file.file_name().to_str().unwrap().starts_with("browser-") {
@@ -424,6 +427,10 @@ async fn web_transport(rig: &Rig, url: &str) -> Result<(), String> {
     let server = SocketAddr::from(([127, 0, 0, 1], rig.target().stream_port));
     let connecting = endpoint.connect_with(config, server, "localhost").unwrap();
     let connection = connecting.await.map_err(|error| error.to_string())?;
-    let session = Session::connect(connection, ConnectRequest::new(url.parse::<Url>().unwrap()));
+    let mut request = ConnectRequest::new(url.parse::<Url>().unwrap());
+    if let Some(page) = page {
+        request = request.with_header(http::header::ORIGIN, page.parse().unwrap());
+    }
+    let session = Session::connect(connection, request);
     session.await.map(drop).map_err(|error| format!("{error:?}"))
 }

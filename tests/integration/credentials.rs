@@ -10,9 +10,10 @@ use hapticd::client::{Client, ClientError, ConnectString, Options, Services, Tra
 use hapticd::config::ServerConfig;
 use hapticd::credentials::{CredentialFile, Grant, Wanted};
 use hapticd::proto::{
-    AcquireLeaseRequest, ByeReason, CloseSessionRequest, DisableRequest, GetStateRequest, Hello,
-    ListDevicesRequest, ListSessionsRequest, OpenSessionRequest, Role, StopRequest,
-    WatchStateRequest,
+    AcquireLeaseRequest, ByeReason, CloseSessionRequest, DeleteRecordingRequest, DisableRequest,
+    EnableRequest, GetStateRequest, Hello, ListDevicesRequest, ListSessionsRequest,
+    OpenSessionRequest, ReplaceSceneRequest, Role, Settings, StartRecordingRequest,
+    StopRecordingRequest, StopRequest, UpdateSettingsRequest, WatchStateRequest,
 };
 use hapticd::utc::Utc;
 use tonic::{Code, Status};
@@ -197,6 +198,44 @@ fn the_services_speak_tls_and_each_call_needs_its_grant() {
     let who: Vec<_> = stopped.iter().map(|line| line.who.as_str()).collect();
     assert_eq!(who, ["ben", "anna", "boss"]);
     assert_eq!(guarded.audited(audit::What::Disabled, 1)[0].who, "boss");
+}
+
+#[test]
+fn what_is_changed_is_told_with_who_changed_it() {
+    let guarded = Guarded::start();
+    guarded.rig.run(async {
+        let mut boss = guarded.services(BOSS).await;
+        let name = || DEVICE.to_owned();
+        let limit = |force_limit_n| {
+            let settings = Settings { name: name(), force_limit_n, ..Settings::default() };
+            let update_mask = Some(prost_types::FieldMask { paths: vec!["force_limit_n".into()] });
+            UpdateSettingsRequest { settings: Some(settings), update_mask }
+        };
+        assert!(boss.devices.update_settings(limit(-1.0)).await.is_err());
+        boss.devices.update_settings(limit(20.0)).await.unwrap();
+        let clear = ReplaceSceneRequest { name: format!("{DEVICE}/scene"), ..Default::default() };
+        boss.scenes.replace_scene(clear).await.unwrap();
+        boss.devices.disable(DisableRequest { name: name() }).await.unwrap();
+        boss.devices.enable(EnableRequest { name: name() }).await.unwrap();
+        let recordings = &mut boss.recordings;
+        let start = StartRecordingRequest { parent: name(), seconds: 60.0 };
+        let name = recordings.start_recording(start).await.unwrap().into_inner().name;
+        recordings.stop_recording(StopRecordingRequest { name: name.clone() }).await.unwrap();
+        recordings.delete_recording(DeleteRecordingRequest { name }).await.unwrap();
+    });
+    for (what, words) in [
+        (audit::What::SettingsChanged, "force_limit"),
+        (audit::What::SceneChanged, "replaced"),
+        (audit::What::Disabled, ""),
+        (audit::What::Enabled, ""),
+        (audit::What::RecordingStarted, ""),
+        (audit::What::RecordingDeleted, ""),
+    ] {
+        let told = guarded.audited(what, 1);
+        let [line] = &told[..] else { panic!("{what:?} is told {} times", told.len()) };
+        assert_eq!((line.who.as_str(), line.device.as_str()), ("boss", DEVICE), "{line:?}");
+        assert!(line.detail.contains(words) && line.from.starts_with("127.0.0.1:"), "{line:?}");
+    }
 }
 
 #[test]
