@@ -7,6 +7,7 @@ mod deadband;
 mod ending;
 mod handshakes;
 mod hostile;
+mod late_motors;
 mod link;
 mod network;
 mod rules;
