@@ -9,8 +9,8 @@
 /// Numbers that may still come late.
 const WINDOW: u32 = 64;
 
-/// Numbers over which loss is forgotten: half a second at 1 kHz.
-const LOSS_MEMORY: f64 = 256.0;
+/// Numbers over which loss is forgotten: half a second at 1 kHz, a hundred bursts of five.
+const LOSS_MEMORY: f64 = 512.0;
 
 /// Datagrams over which variation is forgotten: one stall of a machine is not a bad path.
 const VARIATION_MEMORY: f64 = 64.0;

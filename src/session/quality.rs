@@ -22,7 +22,7 @@ const TABLE: [(Quality, f64, f64); 3] =
 const HYSTERESIS: f64 = 0.7;
 
 /// Datagrams judged before the quality is.
-const TRUSTED: u32 = 32;
+const TRUSTED: u32 = 128;
 
 /// How good a path is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
