@@ -12,8 +12,8 @@
 //! Nothing but the sessions may be different afterwards: mode, fault, scene, settings, lease.
 //!
 //! Kinds: random bytes on the port of QUIC; first packets of handshakes that are never gone on
-//! with; packets of sealed UDP for associations that do not exist, forged for one that does, one
-//! good packet again and again; a client with a session that seals
+//! with; packets of sealed UDP for associations that do not exist, forged for one with a session,
+//! good ones of it again and again; a client with a session that seals
 //! rubbish; and clients that come and go, as fast as one address is let in.
 //!
 //! `--quick`: twenty thousand of each.
@@ -30,9 +30,10 @@ use clients::{Crowd, Session};
 use hapticd::client::{Client, ConnectString, Options, services};
 use hapticd::proto::{
     GetSettingsRequest, GetStateRequest, Hello, ListDevicesRequest, ListSessionsRequest,
-    OpenSessionRequest, Role, Settings, Transport,
+    OpenSessionRequest, Ping, Role, Settings, Transport, datagram::Body,
 };
 use hapticd::sealed::{Direction, Kind, Opener, Sealer, ends};
+use hapticd::wire;
 use measure::quick;
 use rand::{Rng, RngCore, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -309,19 +310,34 @@ const KINDS: [(&str, Ready); 6] = [
         })
     }),
     ("sealed, forged", |target, runtime| {
-        let member = runtime.block_on(Member::open(target))?;
-        Flood::of(member.to, move |rng, packet| {
+        let mut member = runtime.block_on(Member::open(target))?;
+        member.arrive()?;
+        let Member { association, to, mut sealer, socket, .. } = member;
+        let (mut turn, mut good) = (0, Vec::new());
+        let next = move |rng: &mut ChaCha8Rng, packet: &mut Vec<u8>| {
+            turn += 1;
+            if lives(&mut sealer, turn, &mut good) {
+                return packet.clone_from(&good);
+            }
             packet.resize(80, 0);
             rng.fill_bytes(packet);
             packet[0] = UP;
-            packet[1..9].copy_from_slice(&member.association);
+            packet[1..9].copy_from_slice(&association);
             packet[9..12].fill(0);
-        })
+        };
+        Ok(Flood { to, socket, next: Box::new(next) })
     }),
     ("sealed, replayed", |target, runtime| {
         let mut member = runtime.block_on(Member::open(target))?;
-        let good = member.sealer.seal(Kind::Here, &[0; 32]).context("it fits")?;
-        Flood::of(member.to, move |_, packet| packet.clone_from(&good))
+        member.arrive()?;
+        let Member { to, mut sealer, socket, .. } = member;
+        let (mut turn, mut good) = (0, Vec::new());
+        let next = move |_: &mut ChaCha8Rng, packet: &mut Vec<u8>| {
+            turn += 1;
+            lives(&mut sealer, turn, &mut good);
+            packet.clone_from(&good);
+        };
+        Ok(Flood { to, socket, next: Box::new(next) })
     }),
     ("rubbish of a client", |target, runtime| {
         let mut member = runtime.block_on(Member::open(target))?;
@@ -335,6 +351,16 @@ const KINDS: [(&str, Ready); 6] = [
         Ok(Flood { to, socket, next: Box::new(rubbish) })
     }),
 ];
+
+/// Now and then a new good Ping, without which a session would end; true where it is one.
+fn lives(sealer: &mut Sealer, turn: u64, good: &mut Vec<u8>) -> bool {
+    let due = turn % 4096 == 1;
+    if due {
+        let ping = wire::encode(&Body::Ping(Ping { seq: turn, sent_ns: turn }));
+        *good = sealer.seal(Kind::Datagram, &ping).unwrap_or_default();
+    }
+    due
+}
 
 /// Makes a flood ready.
 type Ready = fn(&ConnectString, &Runtime) -> anyhow::Result<Flood>;

@@ -200,12 +200,12 @@ impl Client {
     }
 
     /// The next thing from the server. Answers and sends pings on the way, so it wants to be
-    /// called all the time. Cancel safe.
+    /// called all the time. Cancel safe, but for a State that may be lost as if on the way.
     pub async fn next(&mut self) -> Result<Incoming, ClientError> {
-        if let Some(waiting) = self.waiting.pop_front() {
-            return waiting;
-        }
         loop {
+            if let Some(waiting) = self.waiting.pop_front() {
+                return waiting;
+            }
             let incoming = tokio::select! {
                 biased;
                 heard = self.carrier.hear() => self.take(heard?)?,

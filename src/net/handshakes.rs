@@ -14,7 +14,7 @@ use std::net::IpAddr;
 
 use tokio::sync::oneshot;
 
-use super::neighbours::{Holder, gives_way, neighbourhood};
+use super::neighbours::{Holder, gives_way, site};
 
 /// Most under way at a time.
 const MOST: usize = 64;
@@ -23,9 +23,11 @@ const MOST: usize = 64;
 const BURST: f64 = 64.0;
 const PER_S: f64 = 64.0;
 
-/// Of those in a row, so many are for neighbourhoods that did not come lately.
+/// Of those in a row, so many are for addresses that did not come lately, of sites of which not
+/// many came.
 const RESERVED: f64 = BURST / 2.0;
 const LATELY_NS: u64 = 1_000_000_000;
+const MANY: usize = 8;
 
 /// What becomes of a newcomer.
 #[derive(Debug)]
@@ -60,7 +62,7 @@ struct UnderWay {
 pub(super) struct Handshakes {
     /// The oldest first.
     under_way: Vec<UnderWay>,
-    /// When one of a neighbourhood was let in last.
+    /// When one of an address was let in last.
     lately: HashMap<IpAddr, u64>,
     admitted: u64,
     /// So many may come at once.
@@ -83,10 +85,7 @@ impl Handshakes {
         if !proven {
             return Verdict::Retry;
         }
-        let network = neighbourhood(from);
-        let came =
-            self.lately.get(&network).is_some_and(|ns| now_ns.saturating_sub(*ns) < LATELY_NS);
-        if self.room < 1.0 + if came { RESERVED } else { 0.0 } {
+        if self.room < 1.0 || (self.room < 1.0 + RESERVED && self.came_lately(from, now_ns)) {
             return Verdict::Ignore;
         }
         if self.under_way.len() >= MOST {
@@ -98,11 +97,18 @@ impl Handshakes {
         Verdict::Accept(self.admit(from, now_ns))
     }
 
+    fn came_lately(&self, from: IpAddr, now_ns: u64) -> bool {
+        let lately = self.lately.iter().filter(|(_, ns)| now_ns.saturating_sub(**ns) < LATELY_NS);
+        let mut of_site = lately.map(|(ip, _)| *ip).filter(|ip| site(*ip) == site(from));
+        let same = of_site.clone().any(|ip| ip == from);
+        same || of_site.nth(MANY - 1).is_some()
+    }
+
     fn admit(&mut self, from: IpAddr, now_ns: u64) -> Admitted {
         self.room -= 1.0;
         // No more than were let in within a second: the rate bounds this, too.
         self.lately.retain(|_, ns| now_ns.saturating_sub(*ns) < LATELY_NS);
-        self.lately.insert(neighbourhood(from), now_ns);
+        self.lately.insert(from, now_ns);
         self.admitted += 1;
         let (place, gives_way) = oneshot::channel();
         self.under_way.push(UnderWay { number: self.admitted, from, _place: place });
@@ -158,6 +164,22 @@ mod tests {
         assert_eq!((door.under_way.len(), door.lately.len()), (0, 1));
         come(&mut door, address(4), 20 * SECOND);
         assert_eq!(door.lately.len(), 1);
+    }
+
+    /// Every handshake from another of its networks.
+    #[test]
+    fn a_site_of_many_networks_leaves_room_for_others() {
+        let mut door = Handshakes::new(0);
+        for ms in 0..5_000_u64 {
+            let now_ns = ms * 1_000_000;
+            let from = std::net::Ipv6Addr::new(0x2001, 0xdb8, 1, (ms % 256) as u16, 0, 0, 0, 1);
+            if let Some(Admitted { number, .. }) = come(&mut door, from.into(), now_ns) {
+                door.ended(number);
+            }
+            if ms % 1_000 == 999 {
+                assert!(come(&mut door, address(200), now_ns).is_some());
+            }
+        }
     }
 
     /// Both halves of what an attacker can hold: the rate, and the places.

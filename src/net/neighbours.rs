@@ -1,19 +1,20 @@
 //! Who makes room where places run out: one of those who hold most of them.
 //!
 //! Whoever can have one address at an internet provider can have a few, and of IPv6 whole networks
-//! of them. So holders are counted by networks, the smallest first and then by ever larger ones,
-//! until one of them holds more than the newcomer's would. With `n` attackers, each of one
-//! network, a newcomer's network gets at least one place in `n + 1`. Where there are as many
-//! attackers as places, far from one another, nothing is promised to anybody.
+//! of them. So holders are counted by networks, the largest first: of two the one that holds
+//! more has to give, in it the smaller network that holds most, and so on to the address. With `n`
+//! attackers, each of one network, a newcomer's network gets at least one place in `n + 1`; inside
+//! a network the same holds of its parts. Where there are as many attackers as places, far from
+//! one another, nothing is promised to anybody.
 
 use std::collections::HashMap;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 
-/// Leading bits of networks, the smallest first: of IPv4 an address, and what is handed out; of
-/// IPv6 what one line, one house and one site is given (RFC 6177).
-const V4_BITS: [u32; LEVELS] = [32, 24, 16];
-const V6_BITS: [u32; LEVELS] = [64, 56, 48];
-const LEVELS: usize = 3;
+/// Leading bits of networks, the largest first: of IPv4 what is handed out, and an address; of
+/// IPv6 what one site, one house, one line is given (RFC 6177), and an address.
+const V4_BITS: [u32; LEVELS] = [16, 24, 32, 32];
+const V6_BITS: [u32; LEVELS] = [48, 56, 64, 128];
+const LEVELS: usize = 4;
 
 /// Somebody in a place.
 #[derive(Clone, Copy, Debug)]
@@ -23,8 +24,8 @@ pub(super) struct Holder {
     pub silent: bool,
 }
 
-/// The smallest network of an address.
-pub(super) fn neighbourhood(address: IpAddr) -> IpAddr {
+/// The largest network of an address that counts as one.
+pub(super) fn site(address: IpAddr) -> IpAddr {
     network(address, 0)
 }
 
@@ -41,28 +42,27 @@ fn network(address: IpAddr, level: usize) -> IpAddr {
     }
 }
 
-/// Which of those who hold a place, the oldest first, has to give it to a newcomer: one of the
-/// network that holds most of them, the silent first. Where none holds more than the newcomer's
-/// would, a silent one of its own; else nobody.
+/// Which of those who hold a place, the oldest first, has to give it to a newcomer: one of those
+/// who hold more than the newcomer's would, the silent first. Where there are none, a silent one
+/// of its own address; else nobody.
 pub(super) fn gives_way(holders: &[Holder], newcomer: IpAddr) -> Option<usize> {
-    let of_most = (0..LEVELS).find_map(|level| of_most(holders, newcomer, level));
-    let own = |holder: &Holder| neighbourhood(holder.from) == neighbourhood(newcomer);
-    of_most.or_else(|| holders.iter().position(|holder| holder.silent && own(holder)))
-}
-
-fn of_most(holders: &[Holder], newcomer: IpAddr, level: usize) -> Option<usize> {
-    let mut held: HashMap<IpAddr, usize> = HashMap::new();
-    for holder in holders {
-        *held.entry(network(holder.from, level)).or_default() += 1;
+    let mut among: Vec<usize> = (0..holders.len()).collect();
+    let mut elsewhere = false;
+    for level in 0..LEVELS {
+        let of = |place: &usize| network(holders[*place].from, level);
+        let mut held: HashMap<IpAddr, usize> = HashMap::new();
+        among.iter().for_each(|place| *held.entry(of(place)).or_default() += 1);
+        let own = network(newcomer, level);
+        let own_held = held.get(&own).copied().unwrap_or_default();
+        let most = held.values().copied().max()?;
+        elsewhere |= most > own_held + 1;
+        // Of those that hold as many, the one with the oldest.
+        let fullest = among.iter().map(of).find(|network| held.get(network) == Some(&most))?;
+        let chosen = if elsewhere { fullest } else { own };
+        among.retain(|place| of(place) == chosen);
     }
-    let most = held.values().copied().max()?;
-    let own = held.get(&network(newcomer, level)).copied().unwrap_or_default();
-    if most <= own + 1 {
-        return None;
-    }
-    let holds_most = |holder: &Holder| held.get(&network(holder.from, level)) == Some(&most);
-    let silent = holders.iter().position(|holder| holder.silent && holds_most(holder));
-    silent.or_else(|| holders.iter().position(holds_most))
+    let silent = among.iter().find(|place| holders[**place].silent);
+    silent.or(among.first().filter(|_| elsewhere)).copied()
 }
 
 #[cfg(test)]
@@ -78,12 +78,11 @@ mod tests {
     }
 
     #[test]
-    fn an_ipv6_network_is_one_neighbour_and_so_is_an_ipv4_address_however_written() {
-        let same = |one, other| neighbourhood(at(one)) == neighbourhood(at(other));
-        assert!(same("2001:db8:1:2::1", "2001:db8:1:2:ffff:ffff:ffff:ffff"));
-        assert!(!same("2001:db8:1:2::1", "2001:db8:1:3::1"));
-        assert!(same("::ffff:192.0.2.7", "192.0.2.7"));
-        assert!(!same("192.0.2.7", "192.0.2.8"));
+    fn a_site_is_one_and_so_is_an_ipv4_address_however_written() {
+        let same = |one, other| site(at(one)) == site(at(other));
+        assert!(same("2001:db8:1:2::1", "2001:db8:1:ffff::1"));
+        assert!(!same("2001:db8:1:2::1", "2001:db8:2:2::1"));
+        assert!(same("::ffff:192.0.2.7", "192.0.2.7") && !same("192.0.2.7", "198.51.100.7"));
     }
 
     #[test]
@@ -117,6 +116,42 @@ mod tests {
         assert_eq!(gives_way(&held, at("2001:db8:2::1")), Some(0));
         assert_eq!(gives_way(&held, at("192.0.2.1")), Some(0));
         assert_eq!(gives_way(&held, at("2001:db8:1:ff::1")), None);
+    }
+
+    /// Whoever uses each of its addresses once holds no less for it.
+    #[test]
+    fn many_addresses_win_nothing_against_one_that_holds_a_few() {
+        let [honest, another] = ["10.0.0.1", "10.0.0.2"];
+        let mut held = speaking(&[honest; 20]);
+        let mut fresh = 0_u32;
+        while held.len() < 128 {
+            fresh += 1;
+            held.extend(speaking(&[&format!("198.51.100.{fresh}")]));
+        }
+        let count = |held: &[Holder], who| held.iter().filter(|h| h.from == at(who)).count();
+        for _ in 0..1000 {
+            fresh += 1;
+            let attacker = format!("198.51.{}.{}", 100 + fresh / 256 % 4, fresh % 256);
+            if let Some(place) = gives_way(&held, at(&attacker)) {
+                held.remove(place);
+                held.extend(speaking(&[&attacker]));
+            }
+            assert_eq!(count(&held, honest), 20);
+        }
+        for _ in 0..100 {
+            if let Some(place) = gives_way(&held, at(another)) {
+                held.remove(place);
+                held.extend(speaking(&[another]));
+            }
+        }
+        assert_eq!(count(&held, honest) + count(&held, another), 64, "half for each of two sites");
+    }
+
+    #[test]
+    fn on_one_local_network_hosts_are_told_apart() {
+        let held = speaking(&["fd00::1"; 8]);
+        assert_eq!(gives_way(&held, at("fd00::2")), Some(0));
+        assert_eq!(gives_way(&held, at("fd00::1")), None);
     }
 
     #[test]

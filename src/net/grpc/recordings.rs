@@ -3,7 +3,6 @@
 use std::fs::File;
 use std::io::Read;
 use std::sync::Arc;
-use std::time::Duration;
 
 use tokio::sync::{Semaphore, watch};
 use tokio::time::timeout;
@@ -12,7 +11,7 @@ use tonic::{Request, Response, Status};
 use super::desk::{Desk, Desks};
 use super::guard::Asker;
 use super::places::Places;
-use super::watches::{Answers, Teller, Watch, answers};
+use super::watches::{Answers, PATIENCE, Teller, Watch, answers};
 use super::{field_status, host_status, names};
 use crate::archive::{Archive, ArchiveError, Info};
 use crate::audit::What;
@@ -28,9 +27,8 @@ use crate::proto::{
 const PIECE: usize = 64 * 1024;
 const PIECES: usize = 4;
 
-/// Downloads at a time, and how long one waits for a client that takes no piece.
+/// Downloads at a time.
 const DOWNLOADS: usize = 8;
-const PATIENCE: Duration = Duration::from_secs(30);
 
 /// Calls that work at a time.
 const AT_WORK: usize = 4;

@@ -31,6 +31,9 @@ const PERIOD: Duration = Duration::from_millis(10);
 /// Between two looks whether whoever watches still may.
 const LOOK: Duration = Duration::from_secs(1);
 
+/// How long a reader is waited for that takes nothing.
+pub const PATIENCE: Duration = Duration::from_secs(30);
+
 /// Watches of a service at a time.
 pub const MOST: usize = 64;
 
@@ -42,7 +45,7 @@ const AT_ONCE: usize = 64;
 
 /// What a watch needs besides its subject: its place among the watches, and the end of all.
 pub struct Watch {
-    /// Given back when its last byte has left.
+    /// Given back when its last piece was taken, or was not for too long.
     pub place: Place,
     /// True, or its sender gone: the server ends.
     pub stopped: watch::Receiver<bool>,
@@ -99,18 +102,24 @@ where
     let mut term = Term { stopped, asker, device, unfinished };
     let (teller, told) = mpsc::channel(waiting);
     let (say_last, mut last) = oneshot::channel();
+    let (reading, all_read) = oneshot::channel::<()>();
     let tell = tell(teller.clone());
     tokio::spawn(async move {
-        let last = tokio::select! {
-            told = tell => told.err(),
-            () = teller.closed() => None,
-            last = term.over() => last,
+        let (last, waits) = tokio::select! {
+            told = tell => (told.err(), true),
+            () = teller.closed() => (None, false),
+            last = term.over() => (last, false),
         };
         let _ = say_last.send(last);
+        drop(teller);
+        if waits {
+            // What was told may wait for a slow reader still.
+            let _ = tokio::time::timeout(PATIENCE, all_read).await;
+        }
+        drop(place);
     });
     let last = std::iter::once_with(move || {
-        // What has been told may still wait for a slow reader: until then the place is taken.
-        let _place = &place;
+        drop(reading);
         last.try_recv().unwrap_or_else(|_| Some(Status::internal("whoever told it is gone")))
     });
     let last = last.flatten().map(Err);
