@@ -6,7 +6,7 @@
 //! (`Origin`), that page must be the server's own, one of this machine, or one that the
 //! configuration lists. Programs that are no browsers name no page.
 
-use std::net::IpAddr;
+use std::net::{IpAddr, Ipv6Addr};
 
 /// Names and pages that are allowed beside those that always are.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -60,7 +60,8 @@ fn without_port(authority: &str) -> &str {
     let is_port = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
     if let Some((host, rest)) = authority.strip_prefix('[').and_then(|rest| rest.split_once(']')) {
         let whole = rest.is_empty() || rest.strip_prefix(':').is_some_and(is_port);
-        return if whole { host } else { authority };
+        let is_address = host.parse::<Ipv6Addr>().is_ok();
+        return if whole && is_address { host } else { authority };
     }
     match authority.rsplit_once(':') {
         Some((host, port)) if !host.contains(':') && is_port(port) => host,
@@ -74,8 +75,10 @@ fn address(host: &str) -> Option<IpAddr> {
 
 /// `localhost` and what is below it never leave the machine (RFC 6761, section 6.3).
 fn is_localhost(host: &str) -> bool {
+    // What is no name to others ends otherwise for them: at a colon, an at sign, a slash.
+    let is_name = host.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"-._".contains(&byte));
     let host = host.to_ascii_lowercase();
-    host == "localhost" || host.ends_with(".localhost")
+    is_name && (host == "localhost" || host.ends_with(".localhost"))
 }
 
 #[cfg(test)]
@@ -109,6 +112,11 @@ mod tests {
             "127.0.0.1.evil.example:7353",
             "[evil]:1",
             "[::1]evil.example",
+            "[.localhost]",
+            "[127.0.0.1]",
+            "evil.example:7353.localhost",
+            "evil.example/.localhost",
+            "evil.example@x.localhost",
             "[::1]:7353x",
             "lab.example:7354x",
         ] {
@@ -144,6 +152,8 @@ mod tests {
             "https://192.0.2.5:7354",
             "https://localhost.evil.example",
             "http://evil.example:7353",
+            "http://evil.example:1.localhost",
+            "http://evil.example/.localhost",
         ] {
             let refused = access.check("192.0.2.4:7351", Some(origin));
             assert!(matches!(refused, Err(AccessRefusal::Origin(_))), "{origin} {refused:?}");

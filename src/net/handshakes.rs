@@ -23,8 +23,8 @@ const MOST: usize = 64;
 const BURST: f64 = 64.0;
 const PER_S: f64 = 64.0;
 
-/// Of those in a row, so many are for addresses that did not come lately, of sites of which not
-/// many came.
+/// Of those in a row, so many are for addresses that did not come lately, and half of these for
+/// those of sites of which not many came.
 const RESERVED: f64 = BURST / 2.0;
 const LATELY_NS: u64 = 1_000_000_000;
 const MANY: usize = 8;
@@ -85,7 +85,7 @@ impl Handshakes {
         if !proven {
             return Verdict::Retry;
         }
-        if self.room < 1.0 || (self.room < 1.0 + RESERVED && self.came_lately(from, now_ns)) {
+        if self.room < 1.0 || self.room < 1.0 + self.left_for_others(from, now_ns) {
             return Verdict::Ignore;
         }
         if self.under_way.len() >= MOST {
@@ -97,11 +97,18 @@ impl Handshakes {
         Verdict::Accept(self.admit(from, now_ns))
     }
 
-    fn came_lately(&self, from: IpAddr, now_ns: u64) -> bool {
+    /// What one of this address has to leave: all that is reserved where it came lately itself, half
+    /// of it where many of its site did.
+    fn left_for_others(&self, from: IpAddr, now_ns: u64) -> f64 {
         let lately = self.lately.iter().filter(|(_, ns)| now_ns.saturating_sub(**ns) < LATELY_NS);
         let mut of_site = lately.map(|(ip, _)| *ip).filter(|ip| site(*ip) == site(from));
-        let same = of_site.clone().any(|ip| ip == from);
-        same || of_site.nth(MANY - 1).is_some()
+        if of_site.clone().any(|ip| ip == from) {
+            RESERVED
+        } else if of_site.nth(MANY - 1).is_some() {
+            0.5 * RESERVED
+        } else {
+            0.0
+        }
     }
 
     fn admit(&mut self, from: IpAddr, now_ns: u64) -> Admitted {
@@ -164,6 +171,24 @@ mod tests {
         assert_eq!((door.under_way.len(), door.lately.len()), (0, 1));
         come(&mut door, address(4), 20 * SECOND);
         assert_eq!(door.lately.len(), 1);
+    }
+
+    /// One attacker has many addresses of everybody's network.
+    #[test]
+    fn a_crowded_site_leaves_room_for_its_own_as_well() {
+        let mut door = Handshakes::new(0);
+        for ms in 0..5_000_u64 {
+            let now_ns = ms * 1_000_000;
+            for attacker in 1..=8 {
+                if let Some(Admitted { number, .. }) = come(&mut door, address(attacker), now_ns) {
+                    door.ended(number);
+                }
+            }
+            if ms % 1_000 == 999 {
+                assert!(come(&mut door, address(200), now_ns).is_some());
+                assert!(come(&mut door, [10, 0, 0, 1].into(), now_ns).is_some());
+            }
+        }
     }
 
     /// Every handshake from another of its networks.

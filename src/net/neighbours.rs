@@ -44,7 +44,7 @@ fn network(address: IpAddr, level: usize) -> IpAddr {
 
 /// Which of those who hold a place, the oldest first, has to give it to a newcomer: one of those
 /// who hold more than the newcomer's would, the silent first. Where there are none, a silent one
-/// of its own address; else nobody.
+/// of its own network; else nobody.
 pub(super) fn gives_way(holders: &[Holder], newcomer: IpAddr) -> Option<usize> {
     let mut among: Vec<usize> = (0..holders.len()).collect();
     let mut elsewhere = false;
@@ -56,8 +56,13 @@ pub(super) fn gives_way(holders: &[Holder], newcomer: IpAddr) -> Option<usize> {
         let own_held = held.get(&own).copied().unwrap_or_default();
         let most = held.values().copied().max()?;
         elsewhere |= most > own_held + 1;
-        // Of those that hold as many, the one with the oldest.
-        let fullest = among.iter().map(of).find(|network| held.get(network) == Some(&most))?;
+        if !elsewhere && own_held == 0 && level > 0 {
+            break; // a newcomer to its network, of those who hold no more than it would
+        }
+        // Of those that hold as many, the one with the oldest who is silent, or else the oldest.
+        let silent = among.iter().filter(|place| holders[**place].silent);
+        let mut first = silent.chain(&among).map(of);
+        let fullest = first.find(|network| held.get(network) == Some(&most))?;
         let chosen = if elsewhere { fullest } else { own };
         among.retain(|place| of(place) == chosen);
     }
@@ -107,6 +112,17 @@ mod tests {
         held[1].silent = true;
         assert_eq!(gives_way(&held, at("172.16.0.3")), Some(1));
         assert_eq!(gives_way(&held, at(mallory)), Some(1), "its own");
+    }
+
+    #[test]
+    fn among_those_who_hold_one_each_the_silent_go_first() {
+        let mut held = speaking(&["10.0.0.1"]);
+        let silent = |n: u8| Holder { from: [10, 0, 0, n].into(), silent: true };
+        held.extend((2..100).map(silent));
+        assert_eq!(gives_way(&held, at("192.0.2.1")), Some(1));
+        assert_eq!(gives_way(&held, at("10.0.0.200")), Some(1), "of its own network, too");
+        held.truncate(1);
+        assert_eq!(gives_way(&held, at("10.0.0.200")), None);
     }
 
     #[test]

@@ -11,7 +11,7 @@ use tonic::{Request, Response, Status};
 use super::desk::{Desk, Desks};
 use super::guard::Asker;
 use super::places::Places;
-use super::watches::{Answers, PATIENCE, Teller, Watch, answers};
+use super::watches::{Answers, PATIENCE, Teller, Watch, answers, not_taken};
 use super::{field_status, host_status, names};
 use crate::archive::{Archive, ArchiveError, Info};
 use crate::audit::What;
@@ -83,9 +83,7 @@ async fn pour(mut file: File, teller: Teller<RecordingChunk>) -> Result<(), Stat
     let internal = |error: &dyn std::error::Error| Status::internal(error.to_string());
     loop {
         let Ok(room) = timeout(PATIENCE, teller.reserve()).await else {
-            let waited = PATIENCE.as_secs();
-            let said = format!("no piece of the recording was taken for {waited} s");
-            return Err(Status::deadline_exceeded(said));
+            return Err(not_taken());
         };
         let Ok(room) = room else { return Ok(()) };
         let read = tokio::task::spawn_blocking(move || {

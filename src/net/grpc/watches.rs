@@ -6,13 +6,13 @@
 //! devices are whole, so a slow reader gets fewer of them and never an old one after a new.
 
 use std::pin::Pin;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::task::{Context, Poll};
 use std::time::Duration;
 
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::sleep;
-use tokio_stream::wrappers::ReceiverStream;
-use tokio_stream::{Stream, StreamExt};
+use tokio_stream::Stream;
 use tonic::Status;
 
 use super::guard::Asker;
@@ -101,29 +101,87 @@ where
     let Watch { place, stopped, asker, device, unfinished } = watch;
     let mut term = Term { stopped, asker, device, unfinished };
     let (teller, told) = mpsc::channel(waiting);
-    let (say_last, mut last) = oneshot::channel();
-    let (reading, all_read) = oneshot::channel::<()>();
+    let (reading, all_read) = oneshot::channel();
+    let shared = Arc::new(Mutex::new(Shared { told: Some(told), last: None }));
+    let stream = Reading { shared: Arc::clone(&shared), _reading: reading };
     let tell = tell(teller.clone());
     tokio::spawn(async move {
-        let (last, waits) = tokio::select! {
-            told = tell => (told.err(), true),
+        let (last, over) = tokio::select! {
+            told = tell => (told.err(), false),
             () = teller.closed() => (None, false),
-            last = term.over() => (last, false),
+            last = term.over() => (last, true),
         };
-        let _ = say_last.send(last);
+        let good = last.is_none();
+        lock(&shared).last = Some(last);
         drop(teller);
-        if waits {
+        match (good, over) {
+            // The server ends, and what was told is all.
+            (true, true) => return,
             // What was told may wait for a slow reader still.
-            let _ = tokio::time::timeout(PATIENCE, all_read).await;
+            (true, false) => {
+                let last = tokio::select! {
+                    _ = all_read => return,
+                    () = sleep(PATIENCE) => None,
+                    last = term.over() => last,
+                };
+                lock(&shared).last = Some(Some(last.unwrap_or_else(not_taken)));
+            }
+            (false, _) => {}
         }
+        // Nobody takes it: what waits goes before the place does.
+        lock(&shared).told = None;
         drop(place);
     });
-    let last = std::iter::once_with(move || {
-        drop(reading);
-        last.try_recv().unwrap_or_else(|_| Some(Status::internal("whoever told it is gone")))
-    });
-    let last = last.flatten().map(Err);
-    Box::pin(ReceiverStream::new(told).chain(tokio_stream::iter(last)))
+    Box::pin(stream)
+}
+
+/// The end of an answer that nobody takes.
+pub fn not_taken() -> Status {
+    let waited = PATIENCE.as_secs();
+    Status::deadline_exceeded(format!("nothing of it was taken for {waited} s"))
+}
+
+/// What the one who tells and the one who reads share.
+struct Shared<T> {
+    /// `None` once it will not be read.
+    told: Option<mpsc::Receiver<Result<T, Status>>>,
+    /// How it ended; `None` until it has.
+    last: Option<Option<Status>>,
+}
+
+fn lock<T>(shared: &Mutex<Shared<T>>) -> MutexGuard<'_, Shared<T>> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A reader's end.
+struct Reading<T> {
+    shared: Arc<Mutex<Shared<T>>>,
+    /// Goes with the stream.
+    _reading: oneshot::Sender<()>,
+}
+
+impl<T> Drop for Reading<T> {
+    fn drop(&mut self) {
+        // The one who tells hears of it.
+        lock(&self.shared).told = None;
+    }
+}
+
+impl<T> Stream for Reading<T> {
+    type Item = Result<T, Status>;
+
+    fn poll_next(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Option<Self::Item>> {
+        let mut shared = lock(&self.shared);
+        if let Some(told) = &mut shared.told {
+            match told.poll_recv(cx) {
+                Poll::Ready(None) => shared.told = None,
+                other => return other,
+            }
+        }
+        let lost = || Some(Status::internal("whoever told it is gone"));
+        let last = shared.last.replace(None).unwrap_or_else(lost);
+        Poll::Ready(last.map(Err))
+    }
 }
 
 /// The events of a device from where the request says.
