@@ -210,6 +210,17 @@ mod tests {
         answer.starts_with(b"HTTP/1.1 200")
     }
 
+    /// So many of one address, each of which was answered.
+    async fn hold(count: usize, to: SocketAddr, path: &str) -> Vec<TcpStream> {
+        let mut held = Vec::new();
+        for _ in 0..count {
+            let mut stream = come(2, to).await;
+            assert!(ask(&mut stream, path).await);
+            held.push(stream);
+        }
+        held
+    }
+
     async fn is_gone(stream: &mut TcpStream) -> bool {
         let mut rest = Vec::new();
         timeout(Duration::from_millis(500), stream.read_to_end(&mut rest)).await.is_ok()
@@ -240,12 +251,7 @@ mod tests {
     fn who_holds_most_places_gives_them_to_others_even_while_it_asks_for_more() {
         run(async {
             let (address, _stop) = serve(3);
-            let mut held = Vec::new();
-            for _ in 0..3 {
-                let mut stream = come(2, address).await;
-                assert!(ask(&mut stream, "/").await);
-                held.push(stream);
-            }
+            let mut held = hold(3, address, "/").await;
             let _waiting = come(2, address).await;
             let mut another = come(3, address).await;
             assert!(ask(&mut another, "/").await);
@@ -261,12 +267,9 @@ mod tests {
     fn who_is_in_the_middle_of_an_answer_gives_way_too() {
         run(async {
             let (address, _stop) = serve(2);
-            let mut held = Vec::new();
-            for _ in 0..2 {
-                let mut stream = come(2, address).await;
-                assert!(ask(&mut stream, "/never").await);
+            let mut held = hold(2, address, "/never").await;
+            for stream in &mut held {
                 stream.write_all(b"x").await.unwrap();
-                held.push(stream);
             }
             let mut another = come(3, address).await;
             assert!(ask(&mut another, "/").await);

@@ -76,7 +76,7 @@ impl Devices {
     ) -> Result<watches::Watch, Status> {
         let place = self.watches.take(&asker)?;
         let (stopped, device) = (self.stopped.clone(), device.to_owned());
-        Ok(watches::Watch { place, stopped, asker, device, unfinished })
+        Ok(watches::Watch { _place: place, stopped, asker, device, unfinished })
     }
 
     async fn change(

@@ -204,7 +204,7 @@ impl RecordingService for Recordings {
         let place = self.downloads.take(&asker)?;
         let file = self.ask(move |archive| archive.open_file(&id)).await?;
         let watch = Watch {
-            place,
+            _place: place,
             stopped: self.stopped.clone(),
             asker,
             device,

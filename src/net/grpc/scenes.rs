@@ -161,7 +161,7 @@ impl SceneService for Scenes {
                 }
             }
         };
-        let watch = Watch { place, stopped, asker, device, unfinished: None };
+        let watch = Watch { _place: place, stopped, asker, device, unfinished: None };
         Ok(Response::new(answers(1, watch, tell)))
     }
 

@@ -46,7 +46,7 @@ const AT_ONCE: usize = 64;
 /// What a watch needs besides its subject: its place among the watches, and the end of all.
 pub struct Watch {
     /// Given back when its last piece was taken, or was not for too long.
-    pub place: Place,
+    pub _place: Place,
     /// True, or its sender gone: the server ends.
     pub stopped: watch::Receiver<bool>,
     /// Who watches.
@@ -57,15 +57,7 @@ pub struct Watch {
     pub unfinished: Option<&'static str>,
 }
 
-/// For how long a watch may go on.
-struct Term {
-    stopped: watch::Receiver<bool>,
-    asker: Asker,
-    device: String,
-    unfinished: Option<&'static str>,
-}
-
-impl Term {
+impl Watch {
     /// Waits for the end of the server, or of the time for which the credential counts.
     async fn over(&mut self) -> Option<Status> {
         loop {
@@ -92,14 +84,12 @@ pub type Teller<T> = mpsc::Sender<Result<T, Status>>;
 /// nobody to tell it to, or the watch is over. The last word comes after whatever waits.
 pub fn answers<T: Send + 'static, F>(
     waiting: usize,
-    watch: Watch,
+    mut watch: Watch,
     tell: impl FnOnce(Teller<T>) -> F,
 ) -> Answers<T>
 where
     F: Future<Output = Result<(), Status>> + Send + 'static,
 {
-    let Watch { place, stopped, asker, device, unfinished } = watch;
-    let mut term = Term { stopped, asker, device, unfinished };
     let (teller, told) = mpsc::channel(waiting);
     let (reading, all_read) = oneshot::channel();
     let shared = Arc::new(Mutex::new(Shared { told: Some(told), last: None }));
@@ -109,7 +99,7 @@ where
         let (last, over) = tokio::select! {
             told = tell => (told.err(), false),
             () = teller.closed() => (None, false),
-            last = term.over() => (last, true),
+            last = watch.over() => (last, true),
         };
         let good = last.is_none();
         lock(&shared).last = Some(last);
@@ -122,15 +112,15 @@ where
                 let last = tokio::select! {
                     _ = all_read => return,
                     () = sleep(PATIENCE) => None,
-                    last = term.over() => last,
+                    last = watch.over() => last,
                 };
                 lock(&shared).last = Some(Some(last.unwrap_or_else(not_taken)));
             }
             (false, _) => {}
         }
-        // Nobody takes it: what waits goes before the place does.
+        // Nobody takes it: what waits goes before the place does, which goes with the watch.
         lock(&shared).told = None;
-        drop(place);
+        drop(watch);
     });
     Box::pin(stream)
 }
